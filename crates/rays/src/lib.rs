@@ -154,6 +154,21 @@ impl Accel {
         build::build(positions, triangles, builder)
     }
 
+    /// Nodes and leaves that a random line through the box of the mesh is expected to meet (the surface area heuristic): how
+    /// good the tree is, the lower the better. Not numbers without triangles.
+    pub fn cost(&self) -> [f64; 2] {
+        let mut met = [0.0; 2];
+        for (child, area) in self.nodes.iter().flat_map(wide::Node::children) {
+            met[usize::from(child & wide::LEAF != 0)] += f64::from(area);
+        }
+        let [x, y, z] = [0, 1, 2].map(|axis| {
+            let [lo, hi] = self.nodes.first().map_or([0.0; 2], |root| root.range(axis));
+            f64::from(hi - lo)
+        });
+        let whole = x * y + y * z + z * x;
+        [1.0 + met[0] / whole, met[1] / whole]
+    }
+
     /// Number of triangles.
     pub fn triangles(&self) -> usize {
         self.triangles

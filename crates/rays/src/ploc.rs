@@ -8,6 +8,7 @@ use super::binary::{Binary, Item, LEAF_SIZE, Set};
 use super::buffer::Buffer;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::leaf_collapser::collapse;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
@@ -23,6 +24,8 @@ pub(super) fn build(items: &mut Buffer<Item>, reinsert: bool) -> Option<Binary> 
     let mut builder = PlocBuilder::with_capacity(boxes.len());
     let mut tree = builder.build(PlocSearchDistance::Medium, &boxes, numbers, SortPrecision::U64, 3);
     if reinsert {
+        // What shares a packet moves as one: fewer nodes to search, and no packet is torn up.
+        collapse(&mut tree, LEAF_SIZE as u32, f32::MAX);
         ReinsertionOptimizer::default().run(&mut tree, REINSERTED, None);
     }
     take_over(&tree, items)

@@ -48,6 +48,15 @@ impl Node {
         }
     }
 
+    /// The children that are there, each with half the surface of its box.
+    pub(super) fn children(&self) -> impl Iterator<Item = (u32, f32)> {
+        let planes = self.planes.map(|p| p.map(Lanes::to_array));
+        (0..WIDTH).filter(|i| self.child[*i] != NONE).map(move |i| {
+            let [x, y, z] = planes.map(|[lo, hi]| hi[i] - lo[i]);
+            (self.child[i], x * y + y * z + z * x)
+        })
+    }
+
     /// The same node with indices of nodes and leaves moved.
     fn moved(mut self, node: u32, leaf: u32) -> Self {
         for child in self.child.iter_mut().filter(|c| **c != NONE) {

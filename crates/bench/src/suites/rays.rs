@@ -68,7 +68,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     Ok(())
 }
 
-/// Build time and trace rates of each builder, on one thread.
+/// Build time, cost and trace rates of each builder: builds on one thread and on all, rays on one.
 fn builders(ctx: &mut Context) -> Result<()> {
     let rays = chords();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
@@ -85,13 +85,10 @@ fn builders(ctx: &mut Context) -> Result<()> {
             let (timing, accel) = pool.install(|| crate::timing::time(build));
             let accel = accel?;
             let bytes = accel.bytes() as f64 / count as f64;
-            ctx.record(
-                "builder: build, one thread",
-                &case,
-                count,
-                timing,
-                vec![("bytes per triangle", bytes)],
-            );
+            let [nodes, leaves] = accel.cost();
+            let figures = vec![("bytes per triangle", bytes), ("nodes met", nodes), ("leaves met", leaves)];
+            ctx.record("builder: build, one thread", &case, count, timing, figures);
+            ctx.measure("builder: build, all threads", &case, count, || build().is_ok(), |_| vec![]);
             let closest = || rays.iter().filter(|ray| accel.closest_hit(ray).is_some()).count();
             ctx.measure("builder: closest hit, 65536 rays", &case, count, closest, |_| vec![]);
             let occluded = || rays.iter().filter(|ray| accel.occluded(ray)).count();

@@ -155,3 +155,16 @@ fn do_not_depend_on_threads(mesh: &Soup, builder: Builder) {
         "{builder:?}: leaves differ"
     );
 }
+
+#[test]
+fn the_cost_of_a_tree_counts_what_lines_meet() {
+    let corners = vec![vec3(0.0, 0.0, 0.0), vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 1.0)];
+    let one = Accel::build(&corners, &[[0, 1, 2]]).unwrap();
+    assert_eq!(one.cost(), [1.0, 1.0], "the root and its only leaf fill the box");
+    let (positions, triangles) = bumpy_sphere(64);
+    let cost = |builder| Accel::build_with(&positions, &triangles, builder).unwrap().cost();
+    let [binned, clustered, reinserted] =
+        [Builder::Binned, Builder::Clustered, Builder::Reinserted].map(cost);
+    assert!(reinserted[0] < 0.99 * clustered[0], "reinsertion improves: {reinserted:?} {clustered:?}");
+    assert!(binned[0] < reinserted[0] && binned[1] < reinserted[1], "{binned:?} {reinserted:?}");
+}
