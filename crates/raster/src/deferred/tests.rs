@@ -99,19 +99,21 @@ impl Patch {
             alpha: &self.alpha,
             sides: &[],
         };
-        let sky: Vec<f32> = (0..8 * 4 * 3).map(|i| 0.1 + (i * 7 % 11) as f32 / 9.0).collect();
-        let sky = Environment::from_equirectangular(8, 4, &sky).unwrap().cast();
+        let sky = (self.lights == Lights::Sky).then(|| {
+            let sky: Vec<f32> = (0..8 * 4 * 3).map(|i| 0.1 + (i * 7 % 11) as f32 / 9.0).collect();
+            Environment::from_equirectangular(8, 4, &sky).unwrap().cast()
+        });
         let vector = |x: f64, y: f64, z: f64| vec3(x, y, z).cast::<T>();
-        let lights = match self.lights {
-            Lights::None => vec![],
-            Lights::Lamp => vec![
+        let lights = match (self.lights, &sky) {
+            (Lights::Sky, Some(map)) => vec![
+                Light::Directional { direction: vector(0.6, 0.0, 0.8), irradiance: vector(2.0, 1.8, 1.5) },
+                Light::Environment { map, rotation: Yaw::new(T::of(0.4)), scale: T::of(0.9) },
+            ],
+            (Lights::Lamp, _) => vec![
                 Light::Point { position: vector(1.0, 1.5, 3.0), intensity: vector(20.0, 18.0, 15.0) },
                 Light::Ambient { radiance: vector(0.3, 0.3, 0.4) },
             ],
-            Lights::Sky => vec![
-                Light::Directional { direction: vector(0.6, 0.0, 0.8), irradiance: vector(2.0, 1.8, 1.5) },
-                Light::Environment { map: &sky, rotation: Yaw::new(T::of(0.4)), scale: T::of(0.9) },
-            ],
+            _ => vec![],
         };
         let projection =
             [[1.3, 0.0, 0.0, 0.0], [0.0, 1.3, 0.0, 0.0], [0.0, 0.0, -1.2, 1.8], [0.0, 0.0, -1.0, 2.5]];
@@ -354,7 +356,7 @@ fn bits_are_the_same_for_any_width() {
             (0..(SIZE * samples).pow(2)).map(|_| std::array::from_fn(|_| rng.range(-1.0, 1.0))).collect();
         let each = |bits: &dyn Fn(Width) -> Vec<u64>, name: &str| {
             let base = bits(Width::Base);
-            assert!(base.iter().filter(|b| **b << 1 != 0).count() > 1000, "something is drawn");
+            assert!(base.iter().filter(|b| **b << 1 != 0).count() > 500, "something is drawn");
             for width in Width::ALL {
                 assert!(bits(width) == base, "{name}: {samples} samples a side, {lights:?}, {width:?}");
             }

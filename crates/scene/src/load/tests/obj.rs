@@ -160,13 +160,13 @@ fn material(mtl: &str) -> (Material, crate::Scene) {
     let samples: Vec<u16> = (1..13).map(|i| 5000 * i).collect();
     let deep = photofit_image::encode_png16(2, 2, 3, &samples, photofit_image::PngCompression::Fast).unwrap();
     let files: [(&str, &[u8]); 7] = [
-        ("deep.png", &deep),
         ("a.obj", text.as_bytes()),
         ("a.mtl", mtl.as_bytes()),
         ("color.png", &color),
         ("grey.png", &grey),
         ("holes.png", &holes),
         ("bright.png", &bright),
+        ("deep.png", &deep),
     ];
     let scene = load_files(&files).unwrap();
     (scene.materials[scene.primitives[0].material].clone(), scene)
