@@ -128,10 +128,6 @@ impl Reference for GivenPictures {
     fn bounds(&self, _: Moment) -> Sphere {
         Sphere::UNIT
     }
-
-    fn surface(&self, _: Moment) -> Option<&bake::ReferenceSurface<'_>> {
-        None
-    }
 }
 
 #[cfg(test)]

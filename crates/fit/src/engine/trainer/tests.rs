@@ -34,10 +34,6 @@ impl Reference for Greys {
     fn bounds(&self, _: Moment) -> Sphere {
         Sphere::UNIT
     }
-
-    fn surface(&self, _: Moment) -> Option<&bake::ReferenceSurface<'_>> {
-        None
-    }
 }
 
 /// One picture; red and green in one group, blue in the other.
