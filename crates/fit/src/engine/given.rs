@@ -2,7 +2,7 @@
 
 use super::reference::{Reference, ReferenceKind, ReferencePicture};
 use super::views::{Moment, Set, Setup, Sphere, ViewCamera, ViewLights, Views};
-use crate::{FitError, bake};
+use crate::FitError;
 use photofit_image::{Image, downsample};
 use photofit_sampling::Rng;
 
