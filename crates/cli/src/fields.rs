@@ -23,20 +23,15 @@ pub(crate) const RECOVER_VOLUME: Command = &["recover", "volume"];
 fn option(command: Command, field: &str) -> String {
     let name = match field {
         "lighting" => "light".into(),
+        "kept_surface" => "keep-uvs".into(),
+        "vertex_colors" if has_option(command, "textures") => return "--textures none".into(),
         _ => field.replace('_', "-"),
     };
     if has_option(command, &name) { format!("--{name}") } else { field.replace('_', " ") }
 }
 
-/// What a setting breaks. The kinds of surfaces have an option each.
+/// What a setting breaks.
 fn broken(command: Command, field: &str, rule: &str) -> String {
-    let surfacing = |value: &str| rule.strip_prefix(value).filter(|_| field == "surfacing");
-    if let Some(rule) = surfacing("is kept; it ") {
-        return format!("--keep-uvs {rule}");
-    }
-    if let Some(rule) = surfacing("is vertex colours; it ") {
-        return format!("--textures is none; it {rule}");
-    }
     format!("{} {rule}", option(command, field))
 }
 
@@ -96,9 +91,9 @@ mod tests {
     fn fields_are_options_of_the_command_that_runs() {
         assert_eq!(option(SIMPLIFY, "reference"), "--reference");
         assert_eq!(option(RETEXTURE, "reference"), "reference", "an argument without a name there");
-        assert_eq!(broken(SIMPLIFY, "surfacing", "is kept; it goes with x"), "--keep-uvs goes with x");
-        let colors = "is vertex colours; it must be an image";
-        assert_eq!(broken(SIMPLIFY, "surfacing", colors), "--textures is none; it must be an image");
+        assert_eq!(broken(SIMPLIFY, "kept_surface", "goes with x"), "--keep-uvs goes with x");
+        assert_eq!(broken(SIMPLIFY, "vertex_colors", "go with y"), "--textures none go with y");
+        assert_eq!(option(DEMO, "vertex_colors"), "vertex colors");
         assert_eq!(option(SIMPLIFY, "lighting"), "--light");
         assert_eq!(broken(SIMPLIFY, "batch", "is 0; it must be 1 to 64"), "--batch is 0; it must be 1 to 64");
         assert_eq!(option(RETEXTURE, "texture_size"), "--texture-size");

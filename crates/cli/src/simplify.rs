@@ -201,7 +201,7 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
         occlusion: match a.occlusion {
             OcclusionMaps::Keep => Occlusion::Maps,
             OcclusionMaps::Bake => Occlusion::Rays(OcclusionRays::default()),
-            OcclusionMaps::None => Occlusion::Open,
+            OcclusionMaps::None => Occlusion::None,
         },
         judge: match a.judge {
             FitJudge::Auto => JudgeRenderer::Auto,
@@ -277,8 +277,10 @@ impl Job<'_> {
         memory::check_fit(task, side, self.input, &[scene])?;
         say_warnings(self.input, scene);
         if self.explain {
-            let plan = options.plan(scene, options.rasterized_against().kind());
-            let (effort, steps) = (options.effort, options.fit_steps());
+            let (resolved, _) =
+                options.resolved(scene).map_err(|e| explain_error(self.command, self.input, e))?;
+            let plan = resolved.plan(scene, options.rasterized_against().kind());
+            let (effort, steps) = (options.effort, resolved.fit_steps());
             let asked = match options.surfacing {
                 Surfacing::Kept => effort.about_choice(),
                 _ => format!("{}; {steps} steps are asked for", effort.about()),

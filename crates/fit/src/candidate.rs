@@ -38,6 +38,19 @@ pub struct SurfaceClass {
     pub sides: Sides,
     /// Vertex normals point to the back.
     pub opposed: bool,
+    /// Its alpha is drawn and not written, as that of glass is: it is no parameter.
+    pub see_through: bool,
+}
+
+impl SurfaceClass {
+    /// Whether its alpha is a parameter.
+    pub fn has_alpha(&self) -> bool {
+        self.alpha != AlphaMode::Opaque && !self.see_through
+    }
+
+    pub(crate) fn is_masked(&self) -> bool {
+        matches!(self.alpha, AlphaMode::Mask { .. })
+    }
 }
 
 impl From<SurfaceClass> for BakeClass {
@@ -191,12 +204,12 @@ impl<T: LossScalar> Candidate<T> {
         let turn = |(t, c): (&[u32; 3], &u32)| if of(c).opposed { [t[0], t[2], t[1]] } else { *t };
         let turned: Vec<[u32; 3]> = mesh.triangles.iter().zip(&class).map(turn).collect();
         let size = (maps.width, maps.height);
-        let texels_of = |which: fn(AlphaMode) -> bool| {
+        let texels_of = |which: fn(&SurfaceClass) -> bool| {
             let shape = (&mesh.uvs[..], &mesh.triangles[..]);
             if transparent { texels_of(shape, &class, &classes, size, which) } else { Vec::new() }
         };
-        let solid = texels_of(|alpha| alpha == AlphaMode::Opaque);
-        let masked = texels_of(|alpha| matches!(alpha, AlphaMode::Mask { .. }));
+        let solid = texels_of(|class| !class.has_alpha());
+        let masked = texels_of(SurfaceClass::is_masked);
         // Upsampling a gradient by coverage to texels that their parent does not hold has no bound.
         let mip_adjoint = if transparent { MipAdjoint::Exact } else { MipAdjoint::Smooth };
         Self {
@@ -434,16 +447,16 @@ fn hold_alpha<T: Real>(texels: &mut [[T; CHANNELS]], held: &[bool]) {
     texels.iter_mut().zip(held).filter(|(_, held)| **held).for_each(|(g, _)| g[channel::ALPHA] = T::zero());
 }
 
-/// The texels of the triangles whose alpha means `which`. Alpha of opaque ones stays 1, although it weighs colours in
-/// coarse levels that transparent triangles may share with them.
+/// The texels of the triangles of the classes that are meant. Alpha of opaque ones stays 1, although it weighs colours in
+/// coarse levels that transparent triangles may share with them, and that of glass stays what it is drawn with.
 fn texels_of(
     (uvs, triangles): (&[Vec2<f32>], &[[u32; 3]]),
     class: &[u32],
     classes: &[SurfaceClass],
     (width, height): (usize, usize),
-    which: fn(AlphaMode) -> bool,
+    which: fn(&SurfaceClass) -> bool,
 ) -> Vec<bool> {
-    let wanted = triangles.iter().zip(class).filter(|(_, c)| which(classes[**c as usize].alpha));
+    let wanted = triangles.iter().zip(class).filter(|(_, c)| which(&classes[**c as usize]));
     let triangles: Vec<[u32; 3]> = wanted.map(|(t, _)| *t).collect();
     if triangles.is_empty() {
         return Vec::new();

@@ -11,9 +11,9 @@ use crate::engine::fingerprint::Fingerprint;
 use crate::engine::judge::{Quality, ReportView, Stage};
 use crate::engine::loss::{self, PictureLoss};
 use crate::engine::plan::rows::{self, Work};
-use crate::engine::plan::{Item, PlanRows};
-use crate::engine::reference::{ENERGY, Rasterized, Reference};
-use crate::engine::surface::{MAPS, PositionOptimizer, SMOOTHNESS, Surface};
+use crate::engine::plan::{Item, PlanRows, SurfacePlan};
+use crate::engine::reference::{Rasterized, Reference};
+use crate::engine::surface::{MAPS, Surface};
 use crate::engine::trainer::{HistoryPoint, Job, Keeping, Measure, Phase};
 use crate::engine::unwrap::unwrapped;
 use crate::engine::views::Sampling;
@@ -22,7 +22,6 @@ use crate::error::in_ranges;
 use crate::pictures::PictureFolder;
 use crate::{FitError, Progress};
 use photofit_geometry::Mesh;
-use photofit_raster::deferred::{Masks, Passes};
 use photofit_raster::{CHANNELS, channel};
 use photofit_scene::{Material, Scene};
 use std::path::Path;
@@ -33,6 +32,8 @@ const MAP_RATE: f64 = 0.02;
 const GREY: f32 = 0.5;
 /// Roughness that the fit starts from.
 const ROUGHNESS: f32 = 0.7;
+/// Rate of roughness relative to that of colours.
+const RATE_OF_ROUGHNESS: f32 = 0.5;
 
 /// Options of [`recover_texture`].
 #[derive(Clone, Debug)]
@@ -182,11 +183,14 @@ pub fn recover_texture(
             reinitialised: None,
         }]
     };
-    let row = options.loss.map_or_else(|| rows::loss(loss, held_out.noise), rows::asked_loss);
-    let items = items(&model.work(options.steps), &photos, row, held_out.measure);
-    let plan = PlanRows::new(items, &phases(0.0));
+    let plan = PlanRows::new(Vec::new(), &phases(0.0));
     let (trained, device) = train_on(&options.device, model, &job, phases, progress)?;
-    let plan = plan.with_device(device.told());
+    let row = match options.loss {
+        Some(asked) => rows::asked_loss(asked, trained.steps > 0),
+        None => rows::loss(loss, held_out.noise, trained.steps > 0),
+    };
+    let items = items(&trained.model.work(trained.steps), &photos, row, held_out.measure);
+    let plan = PlanRows { items, ..plan }.ended(trained.steps).with_device(device.told());
 
     let mut painted = to_scene(&trained.model.candidate, &n.light_asset);
     painted.inherit(mesh);
@@ -313,22 +317,13 @@ pub(crate) fn grey(
         texel[channel::GAMMA] = f32::from(u8::from(!lit));
     }
     candidate.set_maps(maps);
-    let mut rates = [0.0; CHANNELS];
-    rates[fitted..fitted + 3].fill(1.0);
-    rates[channel::ROUGHNESS] = if lit { 0.5 } else { 0.0 };
-    let passes = Passes {
-        masks: Masks::Cut,
-        alpha_gradients: false,
-        normal_map: false,
-        emissive: !lit,
-        antialias: false,
-        max_layers: 1,
-        position_gradients: false,
-        map_gradients: true,
-        energy: ENERGY,
-    };
-    let (optimizer, smoothness) = (PositionOptimizer::default(), SMOOTHNESS);
-    Ok(Surface { candidate, passes, rates, moves: false, optimizer, smoothness, masks: Masks::Cut })
+    let mut samples = [false; CHANNELS];
+    samples[fitted..fitted + 3].fill(true);
+    samples[channel::ROUGHNESS] = lit;
+    let plan = SurfacePlan::of_samples(&candidate, samples, false);
+    let mut surface = Surface::new(candidate, &plan).moving(false);
+    surface.rates[channel::ROUGHNESS] *= RATE_OF_ROUGHNESS;
+    Ok(surface)
 }
 
 #[cfg(test)]

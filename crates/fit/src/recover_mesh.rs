@@ -151,10 +151,7 @@ pub fn recover_mesh(
 
     let held_out = photos.evaluation(options.seed)?;
     let fit = Fit { photos: &photos, held_out: &held_out, options };
-    let mut plan = PlanRows {
-        items: items(&model.work(options.steps), &photos, rows::own_loss(LOSS.into()), held_out.measure),
-        phases: Vec::new(),
-    };
+    let mut phases = Vec::new();
     let mut chain = FitChain::new(&options.keeping, progress);
     let (mut steps, mut stopped, mut device) = (0, false, options.device.clone());
     for level in 0..start.levels {
@@ -167,7 +164,7 @@ pub fn recover_mesh(
             .fit(1, progress, |keeping| fit.level(model.clone(), (level, start.levels), keeping, progress))?;
         device = ran;
         chain.add(&trained.history, fit.steps(level, start.levels));
-        plan.phases.extend(rows.phases);
+        phases.extend(rows.ended(trained.steps).phases);
         steps += trained.steps;
         model = trained.model;
         stopped = trained.stopped;
@@ -175,6 +172,9 @@ pub fn recover_mesh(
             break;
         }
     }
+
+    let row = rows::own_loss(LOSS.into(), steps > 0);
+    let plan = PlanRows { items: items(&model.work(steps), &photos, row, held_out.measure), phases };
 
     let mut found = to_scene(&model.candidate, &light_asset);
     if let Some(mesh) = mesh {

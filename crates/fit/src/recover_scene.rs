@@ -192,7 +192,7 @@ pub(crate) fn fit(
     let phase = Phase { name: "parameters", first: 0, steps, shrink: 1, rates, fade, reinitialised };
     let phases = vec![phase];
     let mut items = items(&model, held_out, options.steps);
-    items.push(rows::loss(job.loss, evaluation.noise));
+    items.push(rows::loss(job.loss, evaluation.noise, options.steps > 0));
     items.push(rows::evaluation(evaluation.measure, "light has no upper bound"));
     let plan = PlanRows::new(items, &phases);
     let trained = train(Cpu::new(model)?, &job, |_| phases, progress)?;

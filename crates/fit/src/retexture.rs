@@ -7,9 +7,9 @@
 //! [`RetextureOptions::fit_shape`] asks for its fit.
 
 mod bare;
+mod start;
 
-use crate::bake::{BakeSettings, ReferenceSurface, Target, bake, blank_texel};
-use crate::candidate::{Candidate, OrientedPoints, Vertices};
+use crate::candidate::{Candidate, OrientedPoints};
 use crate::engine::Normalised;
 use crate::engine::animated::Animated;
 use crate::engine::checkpoint::Digest;
@@ -27,15 +27,12 @@ use crate::engine::views::{Lighting, Moment, Orbit, OverMoments, Sampling};
 use crate::error::in_ranges;
 use crate::simplify::Written;
 use crate::simplify::outcome::{lost_extensions, not_fitted};
-use crate::visibility::{Visibility, VisibilitySettings, visibility};
+use crate::visibility::{VisibilitySettings, visibility};
 use crate::{FitError, Progress};
 use bare::bare;
-use photofit_geometry::weld::weld_rows;
-use photofit_geometry::{Mesh, Weld, opposed};
-use photofit_raster::Maps;
-use photofit_scalar::Vec3f;
-use photofit_scene::{FlatScene, Scene};
-use std::ops::ControlFlow;
+use photofit_geometry::opposed;
+use photofit_scene::Scene;
+use start::{baked, candidate, warn_of_normals};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -137,7 +134,7 @@ pub fn retexture(
     let own = Animated::new(&bare, &n).playing(&n.light_asset.animations);
     let theirs = Animated::new(reference, &n);
     let rays = n.surface()?;
-    let reference_pictures = Rasterized::of(&n, &rays).animated(&theirs);
+    let reference_pictures = Rasterized::new(&n.flat, &n.library).animated(&theirs);
 
     let rest = own.flat(Moment::default())?;
     options.moments.iter().try_for_each(|m| same_triangles(&rest.mesh.triangles, &own.flat(*m)?.mesh, *m))?;
@@ -159,7 +156,8 @@ pub fn retexture(
         candidate.set_maps(baked(&n, surface, &candidate, (at_rest, None), progress)?.0);
     }
     let asked = Asked { steps: options.steps, moves, reference: reference_pictures.kind() };
-    let fitted = SurfacePlan::new(reference, &candidate, asked);
+    let fitted = SurfacePlan::new(&candidate, asked);
+    let steps = if moves || fitted.passes.map_gradients { options.steps } else { 0 };
     let model = Posed::new(Surface::new(candidate, &fitted), &own, to_bind);
 
     let size = options.resolution / Sampling::SUPERSAMPLED.per_axis;
@@ -171,10 +169,6 @@ pub fn retexture(
     let held_out = HeldOut::new(&reference_pictures, &seen, Sampling::SUPERSAMPLED, count, options.seed)?;
     held_out.warn_unseen(progress);
     let loss = loss::choose(&held_out);
-    let mut items = rows::surface(&model.surface().work(options.steps));
-    items.push(animation(options, &n));
-    items.push(rows::loss(loss, held_out.noise));
-    items.push(rows::evaluation(held_out.measure, "what a screen shows is compared"));
     let job = Job {
         reference: &reference_pictures,
         views: &seen,
@@ -184,23 +178,30 @@ pub fn retexture(
         seed: options.seed,
         batch: options.batch,
         fresh: options.batch.div_ceil(2),
-        steps: options.steps,
+        steps,
         keeping: &options.keeping,
         fingerprint: fingerprint(options, &n, &model.surface().candidate, [&own, &theirs])?,
     };
-    let mut told = Vec::new();
+    let mut plan = PlanRows::default();
     let phases = |psnr: f64| {
         let mut rates = vec![(MAPS.into(), rate_of_maps(psnr))];
         rates.extend(moves.then(|| (POSITIONS.into(), rate_of_positions(distance))));
-        let (steps, fade) = (options.steps, fade_over(fitted.fades, [0.0, 1.0]));
+        let fade = fade_over(fitted.fades, [0.0, 1.0]);
         let name = if moves { "shape and maps" } else { "maps" };
         let phase = Phase { name, first: 0, steps, shrink: 1, rates, fade, reinitialised: None };
         let phases = vec![phase];
-        told = PlanRows::new(Vec::new(), &phases).phases;
+        plan = PlanRows::new(Vec::new(), &phases);
         phases
     };
     let (trained, device) = train_on(&options.device, model, &job, phases, progress)?;
-    let plan = PlanRows { items, phases: told }.with_device(device.told());
+    let mut plan = plan.ended(trained.steps);
+    // What nothing is fitted of says so, whatever steps were asked for.
+    plan.items =
+        rows::surface(&trained.model.surface().work(if steps > 0 { trained.steps } else { options.steps }));
+    plan.items.push(animation(options, &n));
+    plan.items.push(rows::loss(loss, held_out.noise, trained.steps > 0));
+    plan.items.push(rows::evaluation(held_out.measure, "what a screen shows is compared"));
+    let plan = plan.with_device(device.told());
 
     // Without a step they are the same.
     let fitted = if trained.steps > 0 { outcome(light, &trained.model, &n) } else { start.clone() };
@@ -279,82 +280,6 @@ fn animation(options: &RetextureOptions, n: &Normalised) -> Item {
     }
     let why = format!("{} moments of {}", options.moments.len(), names.join(", "));
     Item::of("animation", !names.is_empty(), why, "both assets are compared as they stand")
-}
-
-/// Warns where vertex normals of one asset point to the back of its triangles and those of the other do not; `turned` says
-/// of which triangles of the light asset they do.
-fn warn_of_normals(n: &Normalised, (rest, turned): (&FlatScene, &[bool]), progress: &dyn Progress) {
-    let count = |opposed: &[bool]| opposed.iter().filter(|o| **o).count();
-    let [theirs, own] = [(n.opposed(), &n.flat.mesh), (turned, &rest.mesh)]
-        .map(|(opposed, mesh)| [count(opposed), mesh.triangles.len()]);
-    let kinds = |[opposed, all]: [usize; 2]| [opposed > 0, opposed < all];
-    if kinds(theirs) != kinds(own) {
-        let told = |[opposed, all]: [usize; 2]| format!("{opposed} of {all} triangles");
-        progress.warn(&format!(
-            "vertex normals point to the back of {} of the reference and of {} of the light asset: no map turns normals that \
-             far, so that the light asset is shaded from the other side where they differ",
-            told(theirs),
-            told(own)
-        ));
-    }
-}
-
-/// The light asset at rest with blank maps.
-fn candidate(n: &Normalised, rest: &FlatScene, size: usize) -> Result<Candidate, FitError> {
-    let mut kinds = n.triangle_classes();
-    kinds.sort_unstable();
-    kinds.dedup();
-    let [kind] = kinds[..] else {
-        let rule = format!("has materials of {} kinds; they must be of one", kinds.len());
-        return Err(FitError::Setting { field: "reference_asset", rule });
-    };
-    let mesh = &rest.mesh;
-    let row = |v: usize| {
-        let (p, n) = (mesh.positions[v], mesh.normals[v]);
-        [p.x, p.y, p.z, n.x, n.y, n.z]
-    };
-    let rows: Vec<f32> = (0..mesh.positions.len()).flat_map(row).collect();
-    let smoothing: Weld = weld_rows(&rows, 6);
-    let maps = Maps::filled(size, size, blank_texel());
-    Ok(Candidate::new(
-        mesh,
-        &smoothing,
-        vec![kind; mesh.triangles.len()],
-        n.light_asset.drawn_classes(),
-        maps,
-    ))
-}
-
-/// Maps of the reference at rest onto these vertices, and the mean distance to it. Rays go along `directions` of the vertices,
-/// where they are not their normals.
-fn baked(
-    n: &Normalised,
-    (rays, seen): (&ReferenceSurface<'_>, &Visibility),
-    candidate: &Candidate,
-    (vertices, directions): (Vertices, Option<&[Vec3f]>),
-    progress: &dyn Progress,
-) -> Result<(Maps, f64), FitError> {
-    let mesh = Mesh {
-        positions: vertices.positions,
-        normals: vertices.normals,
-        tangents: vertices.tangents,
-        uvs: candidate.uvs.clone(),
-        triangles: candidate.triangles.clone(),
-        ..Mesh::default()
-    };
-    let base = &candidate.maps.levels[0];
-    let settings = BakeSettings { width: base.width, height: base.height, ..BakeSettings::default() };
-    let heard = |share: f32| {
-        progress.report("bake", (share * 1000.0) as u64, 1000, n.light_asset.name.as_str());
-        if progress.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    };
-    let target = Target { directions, ..Target::new(&mesh) };
-    let mut baked = bake(rays, seen, &target, &settings, &heard).map_err(|e| match e {
-        crate::bake::BakeError::Stopped => FitError::Interrupted,
-        e => e.into(),
-    })?;
-    baked.fill(None);
-    Ok((baked.maps, baked.statistics.mean_distance))
 }
 
 /// The light asset with the maps of a candidate. Its vertex colours belong to the materials that these replace: kept, they

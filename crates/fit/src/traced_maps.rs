@@ -151,7 +151,7 @@ pub fn traced_maps(
     let phases = vec![phase];
     let fewer = f64::from(options.reference_spp) / f64::from(options.spp);
     let loss = loss::choose_for_noisy(&held_out, fewer.sqrt());
-    let plan = PlanRows::new(items(&maps, options, loss, held_out.noise), &phases);
+    let plan = PlanRows::new(Vec::new(), &phases);
     let job = Job {
         reference: &target,
         views: &views,
@@ -171,6 +171,8 @@ pub fn traced_maps(
         map.write(&starts[k], trained.model.of(k), &mut light.images[map.image], &mut moved[map.image]);
     }
     let stopped = trained.stopped || progress.is_cancelled();
+    let items = items(&maps, trained.steps > 0, loss, held_out.noise);
+    let plan = PlanRows { items, ..plan }.ended(trained.steps);
     let course = MapsCourse { history: trained.history, steps: trained.steps, stopped, plan };
     Ok(TracedMaps { light, course })
 }
@@ -257,18 +259,18 @@ fn fingerprint(o: &TracedMapsOptions, light: &Scene) -> Fingerprint {
 }
 
 /// The rows of the plan.
-fn items(maps: &[Map], options: &TracedMapsOptions, loss: PictureLoss, noise: Option<f64>) -> Vec<Item> {
+fn items(maps: &[Map], steps: bool, loss: PictureLoss, noise: Option<f64>) -> Vec<Item> {
     let of = |kind| maps.iter().filter(|m| m.kind == kind).count();
     let row = |what, kind| {
         let count = of(kind);
-        let fitted = count > 0 && options.steps > 0;
-        Item::of(what, fitted, format!("{count} maps, by path replay"), "no such map, or no steps are made")
+        let why_not = if steps { "no such map" } else { rows::NO_STEPS };
+        Item::of(what, steps && count > 0, format!("{count} maps, by path replay"), why_not)
     };
     vec![
         row("base colour gradients", MapKind::BaseColor),
         row("roughness gradients", MapKind::MetallicRoughness),
         Item::of("position gradients", false, "", "the shape stays"),
-        rows::loss(loss, noise),
+        rows::loss(loss, noise, steps),
         rows::evaluation(Measure::Psnr, "what a screen shows is compared"),
     ]
 }

@@ -143,7 +143,7 @@ fn bumpy() -> Scene {
 }
 
 /// A coarse sphere of clay under a flat map, in the frame of the asset.
-fn flat_map(scene: &Scene, n: &Normalised) -> Displaced {
+fn flat_map(n: &Normalised) -> Displaced {
     let sphere = shapes::uv_sphere(32, 16);
     let frame = n.frame();
     let mesh =
@@ -168,7 +168,7 @@ fn flat_map(scene: &Scene, n: &Normalised) -> Displaced {
         directions: first.iter().map(up).collect(),
         taps: first.iter().map(|v| taps(sphere.uvs[*v], level, &sampler)).collect(),
         heights: vec![0.0; (TEXELS[0] * TEXELS[1]) as usize],
-        surface: Surface::new(candidate.clone(), &SurfacePlan::new(scene, &candidate, asked)).moving(true),
+        surface: Surface::new(candidate.clone(), &SurfacePlan::new(&candidate, asked)).moving(true),
     }
 }
 
@@ -186,9 +186,8 @@ fn error(model: &Displaced, n: &Normalised) -> f64 {
 fn a_displacement_map_joins_the_engine_from_outside() -> Result<(), FitError> {
     let scene = bumpy();
     let n = Normalised::new(&scene)?;
-    let rays = n.surface()?;
-    let reference = Rasterized::of(&n, &rays);
-    let model = flat_map(&scene, &n);
+    let reference = Rasterized::new(&n.flat, &n.library);
+    let model = flat_map(&n);
     let start = error(&model, &n);
     let views = Orbit::new(0, &Lighting::Mixed, 64);
     let held_out = HeldOut::new(&reference, &views, Sampling::SUPERSAMPLED, 4, 0)?;
@@ -228,7 +227,7 @@ fn a_displacement_map_joins_the_engine_from_outside() -> Result<(), FitError> {
 fn the_stage_and_its_reverse_are_adjoint() -> Result<(), FitError> {
     let scene = bumpy();
     let n = Normalised::new(&scene)?;
-    let mut model = flat_map(&scene, &n);
+    let mut model = flat_map(&n);
     let wave = |i: usize, f: f32| (f * i as f32).sin();
     let d: Vec<Vec3f> =
         (0..model.rest.len()).map(|i| vec3(wave(i, 0.7), wave(i, 1.3), wave(i, 2.1))).collect();

@@ -35,7 +35,7 @@ const PLACES: &[Place] = &[
     place(1, "geometry"),
     narrow(1, "rays", &["scalar"]),
     place(2, "shading"),
-    narrow(2, "optim", &["scalar", "sampling", "geometry", "gpu"]),
+    narrow(2, "optim", &["scalar", "sampling", "gpu"]),
     narrow(2, "denoise", &["scalar", "image", "gpu"]),
     place(3, "scene"),
     narrow(3, "flow", &["scalar", "sampling", "optim"]),
@@ -54,7 +54,7 @@ const PLACES: &[Place] = &[
 const DEV_ONLY: &[&str] = &["gradcheck"];
 
 /// (crate or `*`, dependency): allowed only behind a feature.
-const OPTIONAL: &[(&str, &str)] = &[("*", "gpu"), ("optim", "geometry")];
+const OPTIONAL: &[(&str, &str)] = &[("*", "gpu")];
 
 pub(super) fn check(crates: &[Crate], findings: &mut Findings) {
     for from in crates {
@@ -133,7 +133,7 @@ mod tests {
             "photofit-geometry: photofit-scalar, glam, dev photofit-sampling, dev photofit-gradcheck",
             "photofit-raster: photofit-texture, photofit-shading, optional photofit-gpu",
             "photofit-texture: photofit-scalar, dev photofit-gradcheck",
-            "photofit-optim: photofit-scalar, photofit-sampling, optional photofit-geometry",
+            "photofit-optim: photofit-scalar, photofit-sampling, optional photofit-gpu",
             "photofit-cli: photofit-fit, image",
             "photofit: photofit-fit, optional photofit-gpu",
             "xtask: anyhow",

@@ -380,7 +380,7 @@ fn check_settings(s: &BakeSettings) -> Result<(), BakeError> {
     let size = 1..=MAX_SIZE;
     let rays = match s.occlusion {
         Occlusion::Rays(rays) => rays,
-        Occlusion::Maps | Occlusion::Open => OcclusionRays::default(),
+        Occlusion::Maps | Occlusion::None => OcclusionRays::default(),
     };
     let rules = [
         ("width", s.width as f64, size.contains(&s.width), "must be 1 to 16384"),

@@ -14,7 +14,7 @@ pub enum Occlusion {
     /// Rays against the reference's surface.
     Rays(OcclusionRays),
     /// Nothing is occluded.
-    Open,
+    None,
 }
 
 impl Occlusion {
@@ -23,7 +23,7 @@ impl Occlusion {
         match self {
             Self::Maps => "keep",
             Self::Rays(_) => "bake",
-            Self::Open => "none",
+            Self::None => "none",
         }
     }
 }

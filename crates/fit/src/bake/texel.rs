@@ -122,7 +122,7 @@ impl Job<'_> {
     fn occlusion(&self, pick: &Pick, sequence: &Sobol, k: usize) -> Option<f32> {
         match self.settings.occlusion {
             Occlusion::Maps => None,
-            Occlusion::Open => Some(1.0),
+            Occlusion::None => Some(1.0),
             Occlusion::Rays(rays) => {
                 let samples = self.settings.samples_per_side * self.settings.samples_per_side;
                 let reference = self.selector.reference;

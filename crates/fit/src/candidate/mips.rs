@@ -1,14 +1,13 @@
 //! Mip levels with texels of their own: how they start, and which of their texels keep their alpha.
 
-use super::{Candidate, hold_alpha, mip_rule, texels_of};
+use super::{Candidate, SurfaceClass, hold_alpha, mip_rule, texels_of};
 use photofit_raster::deferred::Masks;
 use photofit_raster::loss::LossScalar;
 use photofit_raster::texture::{MipRule, Pyramid};
 use photofit_raster::{CHANNELS, Maps, channel};
 use photofit_scalar::vec3;
-use photofit_scene::AlphaMode;
 
-/// Texels of a level whose alpha is no parameter: those of opaque triangles, and those of masked ones, which have none where
+/// Texels of a level whose alpha is no parameter: those of opaque triangles and of glass, and those of masked ones, which have none where
 /// masks are cut.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Held {
@@ -24,10 +23,7 @@ impl<T: LossScalar> Candidate<T> {
         let uvs: Vec<_> = self.uvs.iter().map(|uv| uv.cast()).collect();
         let held = |size: (usize, usize)| {
             let of = |which| texels_of((&uvs, &self.triangles), &self.class, &self.classes, size, which);
-            Held {
-                solid: of(|alpha| alpha == AlphaMode::Opaque),
-                masked: of(|alpha| matches!(alpha, AlphaMode::Mask { .. })),
-            }
+            Held { solid: of(|class| !class.has_alpha()), masked: of(SurfaceClass::is_masked) }
         };
         if self.is_transparent() {
             self.held_coarse = self.maps.levels[1..].iter().map(|l| held((l.width, l.height))).collect();

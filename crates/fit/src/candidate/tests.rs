@@ -2,6 +2,7 @@
 
 mod alpha;
 mod modes;
+mod shots;
 mod whole;
 
 use super::*;
@@ -166,9 +167,16 @@ impl Setting {
         let classes = alpha
             .into_iter()
             .zip(sides)
-            .map(|(alpha, sides)| SurfaceClass { alpha, sides, opposed: alpha == AlphaMode::Blend })
+            .map(|(alpha, sides)| SurfaceClass {
+                alpha,
+                sides,
+                opposed: alpha == AlphaMode::Blend,
+                see_through: false,
+            })
             .collect();
         let mut candidate = Candidate::new(&mesh, &smoothing, class, classes, maps(content, &mut rng));
+        let ships = if kind == Kind::Transparent { MipAdjoint::Exact } else { MipAdjoint::Smooth };
+        assert_eq!(candidate.mip_adjoint, ships);
         // What ships for opaque ones is the gradient of no function.
         candidate.mip_adjoint = MipAdjoint::Exact;
         if content == Content::Linear {

@@ -2,7 +2,7 @@
 
 use super::reference::{Reference, ReferenceKind, ReferencePicture};
 use super::views::{Moment, Set, Setup, Sphere, ViewCamera, ViewLights, Views};
-use crate::{FitError, bake};
+use crate::FitError;
 use photofit_image::{Image, downsample};
 use photofit_sampling::Rng;
 
@@ -127,10 +127,6 @@ impl Reference for GivenPictures {
 
     fn bounds(&self, _: Moment) -> Sphere {
         Sphere::UNIT
-    }
-
-    fn surface(&self, _: Moment) -> Option<&bake::ReferenceSurface<'_>> {
-        None
     }
 }
 

@@ -29,7 +29,12 @@ impl LightAsset {
 
     /// How each class is drawn in the pictures of a fit.
     pub(crate) fn drawn_classes(&self) -> Vec<SurfaceClass> {
-        let drawn = |c: &MaterialClass| SurfaceClass { alpha: c.drawn, sides: c.sides, opposed: c.opposed };
+        let drawn = |c: &MaterialClass| SurfaceClass {
+            alpha: c.drawn,
+            sides: c.sides,
+            opposed: c.opposed,
+            see_through: c.is_see_through(),
+        };
         self.classes.iter().map(drawn).collect()
     }
 }

@@ -5,13 +5,11 @@ pub(crate) mod rows;
 
 pub use rows::{Item, PlanRows, Runs};
 
-use super::judge::visible_materials;
 use super::reference::{ENERGY, ReferenceKind};
 use super::surface::{coarse_rates, rates_of};
-use crate::candidate::Candidate;
+use crate::candidate::{Candidate, SurfaceClass};
 use photofit_raster::deferred::{Masks, Passes};
 use photofit_raster::{CHANNELS, channel};
-use photofit_scene::{AlphaMode, Scene};
 use rows::Work;
 
 /// A sample that varies less than this over the baked maps is constant: one step of 8 bits.
@@ -42,15 +40,13 @@ pub struct SurfacePlan {
 }
 
 impl SurfacePlan {
-    /// The plan of a candidate with the baked maps of `scene`.
-    pub fn new(scene: &Scene, candidate: &Candidate, asked: Asked) -> Self {
+    /// The plan of a candidate with baked maps.
+    pub fn new(candidate: &Candidate, asked: Asked) -> Self {
         let base = &candidate.maps.levels[0].texels;
         let any = |c: usize, f: &dyn Fn(f32) -> bool| base.iter().any(|t| f(t[c]));
-        let used = |mode: fn(&AlphaMode) -> bool| {
-            candidate.class.iter().any(|c| mode(&candidate.classes[*c as usize].alpha))
+        let used = |is: fn(&SurfaceClass) -> bool| {
+            candidate.class.iter().any(|c| is(&candidate.classes[*c as usize]))
         };
-        let blend = used(|m| *m == AlphaMode::Blend);
-        let mask = used(|m| matches!(m, AlphaMode::Mask { .. }));
         let varies = |c: usize| {
             let (lo, hi) = base.iter().fold((f32::MAX, f32::MIN), |(lo, hi), t| (lo.min(t[c]), hi.max(t[c])));
             hi - lo > CONSTANT
@@ -59,11 +55,7 @@ impl SurfacePlan {
         let mut fitted = [false; CHANNELS];
         // Shadows and light between surfaces go into the base colour.
         fitted[..3].fill(asked.reference.indirect_light || (0..3).any(varies));
-        // Alpha of glass is drawn, but not written: it must not move.
-        let written =
-            visible_materials(scene).iter().any(|m| scene.materials[*m].alpha_mode == AlphaMode::Blend);
-        fitted[channel::ALPHA] = (!blend || written) && (blend || mask);
-        let fades = mask && fitted[channel::ALPHA];
+        fitted[channel::ALPHA] = used(SurfaceClass::has_alpha);
         fitted[channel::ROUGHNESS] = varies(channel::ROUGHNESS);
         fitted[channel::METALLIC] = metallic && varies(channel::METALLIC);
         let bent = (0..2).any(|k| any(channel::NORMAL + k, &|x| x.abs() > CONSTANT));
@@ -72,19 +64,27 @@ impl SurfacePlan {
         fitted[channel::NORMAL..channel::NORMAL + 3].fill(bent || moves);
         let emissive = (0..3).any(|k| any(channel::EMISSIVE + k, &|x| x > 1e-4));
         fitted[channel::EMISSIVE..channel::EMISSIVE + 3].fill(emissive);
+        let plan = Self::of_samples(candidate, fitted, moves);
+        let passes = Passes { map_gradients: asked.steps > 0 && fitted.contains(&true), ..plan.passes };
+        Self { passes, fades: used(SurfaceClass::is_masked), ..plan }
+    }
+
+    /// The plan of a candidate of whose maps these samples are fitted, and drawn where they need a pass of their own, and whose
+    /// shape moves or not. No mask fades.
+    pub fn of_samples(candidate: &Candidate, fitted: [bool; CHANNELS], moves: bool) -> Self {
         let passes = Passes {
             masks: Masks::Cut,
             alpha_gradients: fitted[channel::ALPHA],
             normal_map: fitted[channel::NORMAL],
-            emissive,
+            emissive: fitted[channel::EMISSIVE],
             // Blended silhouettes are there for the gradients of positions.
             antialias: moves,
-            max_layers: if blend || mask { Passes::default().max_layers } else { 1 },
+            max_layers: if candidate.is_transparent() { Passes::default().max_layers } else { 1 },
             position_gradients: moves,
-            map_gradients: asked.steps > 0 && fitted.contains(&true),
+            map_gradients: fitted.contains(&true),
             energy: ENERGY,
         };
-        Self { passes, fitted, fades, free_mips: candidate.fitted_levels() > 1 }
+        Self { passes, fitted, fades: false, free_mips: candidate.fitted_levels() > 1 }
     }
 
     /// What a fit of so many steps does with the surface.

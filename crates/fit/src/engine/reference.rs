@@ -11,8 +11,8 @@ use super::classes::drawn;
 use super::frame::FitFrame;
 use super::not_finite::NotFinite;
 use super::views::{Moment, Setup, Sphere};
+use crate::FitError;
 use crate::scene_render::SceneRenderer;
-use crate::{FitError, bake};
 use glam::{DAffine3, Quat};
 use photofit_image::{Image, downsample};
 use photofit_pathtrace::{
@@ -114,9 +114,6 @@ pub trait Reference: Sync {
 
     /// A sphere around what the pictures show at a moment.
     fn bounds(&self, moment: Moment) -> Sphere;
-
-    /// The surface at a moment, for baking, visibility and shrink-wrapping; `None` where there are only pictures.
-    fn surface(&self, moment: Moment) -> Option<&bake::ReferenceSurface<'_>>;
 }
 
 /// An asset drawn by the rasterizer: direct light without shadows.
@@ -124,7 +121,6 @@ pub trait Reference: Sync {
 pub struct Rasterized<'a> {
     flat: &'a FlatScene,
     library: &'a SurfaceLibrary,
-    surface: Option<&'a bake::ReferenceSurface<'a>>,
     animated: Option<&'a Animated<'a>>,
     samples: Samples,
 }
@@ -140,12 +136,7 @@ enum Samples {
 impl<'a> Rasterized<'a> {
     /// Pictures of a flattened scene in the normalised frame.
     pub fn new(flat: &'a FlatScene, library: &'a SurfaceLibrary) -> Self {
-        Self { flat, library, surface: None, animated: None, samples: Samples::All(SUPERSAMPLE) }
-    }
-
-    /// Pictures of a normalised asset, and its surface.
-    pub fn of(n: &'a Normalised, surface: &'a bake::ReferenceSurface<'a>) -> Self {
-        Self { surface: Some(surface), ..Self::new(&n.flat, &n.library) }
+        Self { flat, library, animated: None, samples: Samples::All(SUPERSAMPLE) }
     }
 
     /// The same at the moments of an animated asset's animations, too.
@@ -191,10 +182,6 @@ impl Reference for Rasterized<'_> {
     fn bounds(&self, moment: Moment) -> Sphere {
         self.animated.filter(|_| moment.animation.is_some()).map_or(Sphere::UNIT, |a| a.bounds(moment))
     }
-
-    fn surface(&self, moment: Moment) -> Option<&bake::ReferenceSurface<'_>> {
-        self.surface.filter(|_| moment.animation.is_none())
-    }
 }
 
 /// Who knows the asset at a moment; `None` where it stands still.
@@ -230,7 +217,6 @@ pub struct PathTraced<'a> {
     /// Behind a lock, since each picture has lights of its own, and a moment.
     world: Mutex<(World, Moment)>,
     animated: Option<&'a Animated<'a>>,
-    surface: Option<&'a bake::ReferenceSurface<'a>>,
     not_finite: NotFinite,
     seed: u64,
     spp: u32,
@@ -251,7 +237,6 @@ impl<'a> PathTraced<'a> {
         Ok(Self {
             world: Mutex::new((world(&shown, n.frame(), ENERGY)?, Moment::default())),
             animated: None,
-            surface: None,
             not_finite: n.not_finite.clone(),
             seed,
             spp: SAMPLES,
@@ -272,7 +257,7 @@ impl<'a> PathTraced<'a> {
         let (identity, start) = (DAffine3::IDENTITY, Moment::default());
         let world = Mutex::new((placed_world(&shown, identity, n.frame().radius, ENERGY)?, start));
         let not_finite = n.not_finite.clone();
-        Ok(Self { world, animated: None, surface: None, not_finite, seed, spp: SAMPLES })
+        Ok(Self { world, animated: None, not_finite, seed, spp: SAMPLES })
     }
 
     /// The same at the moments of an animated asset's animations, too.
@@ -289,12 +274,6 @@ impl<'a> PathTraced<'a> {
     #[must_use]
     pub fn sampled(self, spp: u32) -> Self {
         Self { spp, ..self }
-    }
-
-    /// The same with the surface of the asset.
-    #[must_use]
-    pub fn with_surface(self, surface: &'a bake::ReferenceSurface<'a>) -> Self {
-        Self { surface: Some(surface), ..self }
     }
 }
 
@@ -349,10 +328,6 @@ impl Reference for PathTraced<'_> {
 
     fn bounds(&self, moment: Moment) -> Sphere {
         self.animated.filter(|_| moment.animation.is_some()).map_or(Sphere::UNIT, |a| a.bounds(moment))
-    }
-
-    fn surface(&self, moment: Moment) -> Option<&bake::ReferenceSurface<'_>> {
-        self.surface.filter(|_| moment.animation.is_none())
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::Silent;
+use crate::engine::plan::Runs;
 use crate::scene_render::SceneRenderer;
 use glam::{Affine3A, Vec3};
 use photofit_geometry::shapes;
@@ -232,6 +233,20 @@ fn recovery_resumes_and_checks_its_options() {
     assert!(file(&RecoverOptions { keeping: kept, ..short }).unwrap() == whole);
     let error = file(&RecoverOptions { batch: 0, ..options() }).unwrap_err().to_string();
     assert_eq!(error, "batch is 0; it must be 1 to 64");
+}
+
+#[test]
+fn a_fit_that_ends_before_its_first_step_says_so() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = sphere(true);
+    photograph(&scene, dir.path(), false);
+    let keeping = Keeping { time_limit: Some(std::time::Duration::ZERO), ..Keeping::default() };
+    let ended = RecoverOptions { keeping, ..options() };
+    let r = recover_texture(dir.path(), &scene, &dir.path().join("out.glb"), &ended, &Silent).unwrap();
+    assert!(r.steps == 0 && r.plan.phases.is_empty(), "{}", r.plan);
+    for what in ["map gradients", "emission gradients", "logarithmic loss"] {
+        assert_eq!(r.plan.runs(what), Some(Runs::No), "{what}");
+    }
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::Silent;
+use crate::engine::plan::Runs;
 use glam::Affine3A;
 use photofit_geometry::{Mesh, shapes};
 use photofit_image::Image;
@@ -155,6 +156,17 @@ fn recovery_resumes_to_the_same_bytes() {
         .unwrap();
     let other = resume(RecoverMeshOptions { optimizer: PositionOptimizer::Adam, ..short }).unwrap_err();
     assert!(other.to_string().contains("optimizer was bilateral and is adam"), "{other}");
+}
+
+#[test]
+fn a_fit_that_ends_before_its_first_step_says_so() {
+    let keeping = Keeping { time_limit: Some(std::time::Duration::ZERO), ..Keeping::default() };
+    let ended = RecoverMeshOptions { keeping, ..options(PositionOptimizer::LargeSteps) };
+    let (r, _) = recovered(&scene(shapes::cube()), &ended);
+    assert!(r.steps == 0 && r.plan.phases.is_empty(), "{}", r.plan);
+    for what in ["position gradients", "map gradients", "loss"] {
+        assert_eq!(r.plan.runs(what), Some(Runs::No), "{what}");
+    }
 }
 
 #[test]

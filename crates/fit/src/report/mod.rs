@@ -78,7 +78,7 @@ fn html(o: &Outcome, info: &ReportInfo<'_>) -> Result<String, FitError> {
         views::at_size(o, info.screen_size)?,
         contents::section(contents::parts(&file).as_ref(), info.scene, &light, [&o.left_out, &o.not_fitted]),
         views::section(&o.views, &o.stages.iter().map(|s| s.0).collect::<Vec<_>>(), last)?,
-        if matches!(o.written, Written::Decimated | Written::Kept) || o.surfacing == Surfacing::VertexColors {
+        if o.written.has_own_surface() || o.surfacing == Surfacing::VertexColors {
             String::new()
         } else {
             atlas::section(&o.candidate)?

@@ -29,6 +29,8 @@ pub struct Verdict {
     pub better: Option<(&'static str, Quality)>,
     /// What was written.
     pub written: Written,
+    /// Whether steps of a fit were made.
+    pub fitted: bool,
     /// The asset itself drawn the same way, where engines draw it: with one sample a pixel it differs from the reference
     /// too. [`Self::likeness`] is then by what FLIP of the written file exceeds that of the asset.
     pub original: Option<Quality>,
@@ -79,14 +81,14 @@ impl Verdict {
         let of = |k: usize| o.views.iter().map(|v| v.quality[k].quality).collect::<Vec<Quality>>();
         let original = all.iter().position(|s| s.0 == NOT_LIGHT).map(of);
         let better = better(&all[..k], &all[k].1);
-        Self { better, written: o.written, ..Self::new(&of(k), original.as_deref()) }
+        Self { better, written: o.written, fitted: o.steps > 0, ..Self::new(&of(k), original.as_deref()) }
     }
 
     /// Of views, and of the asset itself in the same ones.
     fn new(views: &[Quality], original: Option<&[Quality]>) -> Self {
         let mean = Quality::mean(views.iter());
         let worst = views.iter().copied().enumerate().max_by(|a, b| a.1.flip.total_cmp(&b.1.flip));
-        let (written, better) = (Written::Fitted, None);
+        let (written, fitted, better) = (Written::Fitted, true, None);
         let likeness = match original {
             _ if views.is_empty() => Likeness::Unknown,
             None => Likeness::of(mean.flip, worst.map_or(0.0, |w| w.1.flip)),
@@ -98,7 +100,7 @@ impl Verdict {
             }
         };
         let original = original.map(|o| Quality::mean(o.iter()));
-        Self { likeness, mean, worst, views: views.len(), better, written, original }
+        Self { likeness, mean, worst, views: views.len(), better, written, fitted, original }
     }
 }
 
@@ -129,12 +131,19 @@ impl fmt::Display for Verdict {
         f.write_str(match self.written {
             Written::Fitted | Written::Kept => "",
             Written::Rebaked => "; written is the fitted shape with maps baked anew, which looked best",
+            Written::Wrapped | Written::Baked if !self.fitted => {
+                "; written are baked maps: no steps were made"
+            }
             Written::Wrapped | Written::Baked => {
                 "; no fit looked better than its start, baked maps, which is what was written"
+            }
+            Written::Decimated if !self.fitted => {
+                "; no baked maps looked better than fewer triangles alone, which is what was written"
             }
             Written::Decimated => {
                 "; no fit looked better than fewer triangles alone, which is what was written"
             }
+            Written::Whole => "; written is the asset as it was given: no other file took so few bytes",
         })?;
         if let Some((name, q)) = &self.better {
             let what = match *name {
@@ -191,6 +200,18 @@ mod tests {
             let text = Verdict { better, ..Verdict::new(&[q(30.0, 0.05)], None) }.to_string();
             assert!(text.contains(&format!(". What the table calls {words}")), "{text}");
         }
+    }
+
+    #[test]
+    fn without_steps_no_fit_is_spoken_of() {
+        let told = |written, fitted| {
+            Verdict { written, fitted, ..Verdict::new(&[Quality::default()], None) }.to_string()
+        };
+        for written in [Written::Baked, Written::Wrapped, Written::Decimated] {
+            assert!(told(written, true).contains("no fit looked better"), "{written:?}");
+            assert!(!told(written, false).contains("no fit"), "{written:?}");
+        }
+        assert!(told(Written::Whole, false).ends_with("as it was given: no other file took so few bytes"));
     }
 
     #[test]

@@ -8,7 +8,8 @@ use crate::engine::plan::Runs;
 use crate::engine::reference::Reference;
 use crate::engine::views::{Set, Views};
 use crate::progress::Heard;
-use photofit_scalar::vec2;
+use photofit_geometry::Mesh;
+use photofit_scalar::{Vec3f, vec2};
 use photofit_scene::{Extensions, Material, Sampler, Sheen, TextureSlot};
 
 const TIMES: [f32; 4] = [0.0, 0.4, 0.7, 1.0];
@@ -84,10 +85,10 @@ fn the_candidate_is_drawn_at_the_moment_of_the_shot() {
     let at_rest = candidate.vertices_of(OrientedPoints::of(&rest.mesh));
     candidate.set_maps(baked(&n, (&rays, &seen), &candidate, (at_rest, None), &Silent).unwrap().0);
     let reference = crate::engine::reference::ReferenceKind::RASTERIZED;
-    let plan = SurfacePlan::new(&scene, &candidate, Asked { steps: 10, moves: true, reference });
+    let plan = SurfacePlan::new(&candidate, Asked { steps: 10, moves: true, reference });
     let mut model = Cpu::new(Posed::new(Surface::new(candidate, &plan), &poses, None)).unwrap();
     let theirs = Animated::new(&scene, &n);
-    let reference = Rasterized::of(&n, &rays).animated(&theirs);
+    let reference = Rasterized::new(&n.flat, &n.library).animated(&theirs);
     let shots = |at: Option<Moment>| {
         let views = OverMoments { views: Orbit::new(5, &Lighting::Point, 64), moments: moments() };
         let one = |i: u64| {
@@ -274,6 +275,26 @@ fn a_bake_that_no_fit_improves_is_written() {
 }
 
 #[test]
+fn a_fit_of_nothing_and_one_that_ends_at_once_say_so() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("arm.glb");
+    let short = RetextureOptions { resolution: 32, steps: 5, ..options() };
+    let keeping = Keeping { time_limit: Some(std::time::Duration::ZERO), ..Keeping::default() };
+    let ended = RetextureOptions { keeping, ..short.clone() };
+    // All of its samples are constant.
+    let mut grey = arm(24, 32);
+    grey.materials = vec![Material::clay()];
+    grey.images.clear();
+    for (asset, options, why) in [(arm(24, 32), ended, "no steps are made"), (grey, short, "all samples")] {
+        let r = retexture(&asset, &light(), &path, &options, &Silent).unwrap();
+        assert!(r.steps == 0 && r.plan.phases.is_empty(), "{}", r.plan);
+        let row = r.plan.items.iter().find(|i| i.what == "map gradients").unwrap();
+        assert!(row.runs == Runs::No && row.why.starts_with(why), "{row:?}");
+        assert_eq!(r.plan.runs("logarithmic loss"), Some(Runs::No));
+    }
+}
+
+#[test]
 fn vertex_colours_of_the_light_asset_go_with_its_materials() {
     let dir = tempfile::tempdir().unwrap();
     let heavy = arm(24, 32);
@@ -400,11 +421,10 @@ fn poses_on_a_device_are_those_of_the_cpu() {
     let poses = Animated::new(&bare, &n).playing(&n.light_asset.animations);
     let candidate = candidate(&n, &poses.flat(Moment::default()).unwrap(), 64).unwrap();
     let reference = crate::engine::reference::ReferenceKind::RASTERIZED;
-    let plan = SurfacePlan::new(&scene, &candidate, Asked { steps: 10, moves: true, reference });
+    let plan = SurfacePlan::new(&candidate, Asked { steps: 10, moves: true, reference });
     let model = Posed::new(Surface::new(candidate, &plan), &poses, None);
-    let rays = n.surface().unwrap();
     let theirs = Animated::new(&scene, &n);
-    let reference = Rasterized::of(&n, &rays).animated(&theirs);
+    let reference = Rasterized::new(&n.flat, &n.library).animated(&theirs);
     let views = OverMoments { views: Orbit::new(5, &Lighting::Point, 48), moments: moments() };
     let shots = |still: bool| -> Vec<Shot> {
         let one = |i: u64| {

@@ -4,9 +4,9 @@
 //! What decimation does to an outline no map mends, so that it may hold most of the error that is left. The budget stays; a
 //! part that is on the outline of many views gets triangles of parts that are on it in few ([`crate::outline`]).
 
-use super::choice::{Look, best_start};
+use super::SimplifyOptions;
+use super::choice::{StartQuality, best_start};
 use super::prepare::{self, Start, Weights};
-use super::{Init, SimplifyOptions};
 use crate::bake::ReferenceSurface;
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
@@ -59,12 +59,12 @@ pub(super) fn starts(
     )?;
     let skipped = |all, best, why| Ok(Starts { all, best, row: Item { what: ROW, runs: Runs::No, why } });
     let whole = starts[0].candidate.triangles.len() >= reference.mesh().triangles.len();
-    if let Some(why) = needless(from, options).or(whole.then_some("no triangle is taken away")) {
+    if let Some(why) = needless(from, options).or(whole.then(|| "no triangle is taken away".into())) {
         // A single one need not be looked at.
         let best = if starts.len() > 1 { best_start(&starts, held_out).0 } else { 0 };
-        return skipped(starts, best, why.into());
+        return skipped(starts, best, why);
     }
-    let (first, Look { psnr, at_outline }) = best_start(&starts, held_out);
+    let (first, StartQuality { psnr, at_outline }) = best_start(&starts, held_out);
     let percent = 100.0 * at_outline;
     if at_outline < LEAST_AT_OUTLINE {
         let least = 100.0 * LEAST_AT_OUTLINE;
@@ -78,7 +78,7 @@ pub(super) fn starts(
         let importance = importance(reference, &visible, &density, share);
         let weights = Weights { decimated: &importance, drawn: &importance };
         let others = prepare::prepare(n, reference, (seen, weights), None, options, progress)?;
-        let (other, Look { psnr, .. }) = best_start(&others, held_out);
+        let (other, StartQuality { psnr, .. }) = best_start(&others, held_out);
         told += &format!(" {psnr:.2} where it counts {share},");
         if psnr > most {
             (all, best, most, taken) = (others, other, psnr, Some(share));
@@ -93,7 +93,7 @@ pub(super) fn starts(
 /// The row of the plan before anything is drawn.
 pub(super) fn planned(options: &SimplifyOptions) -> Item {
     let (runs, why) = match needless(None, options) {
-        Some(why) => (Runs::No, why.to_owned()),
+        Some(why) => (Runs::No, why),
         None => {
             let least = 100.0 * LEAST_AT_OUTLINE;
             (Runs::Open, format!("where {least:.0}% of the squared error or more lie at the outline"))
@@ -103,16 +103,19 @@ pub(super) fn planned(options: &SimplifyOptions) -> Item {
 }
 
 /// Why there is nothing to try.
-fn needless(from: Option<&Candidate>, options: &SimplifyOptions) -> Option<&'static str> {
-    match (options.init, from, options.target) {
-        (Init::Sphere, ..) => Some("the fit starts from a sphere"),
-        (_, Some(_), _) => Some("the fit starts from the level before"),
-        (_, _, Target::Error(_) | Target::ScreenSize(_)) => {
-            Some("the budget is an error: other weights mean other numbers of triangles")
+fn needless(from: Option<&Candidate>, options: &SimplifyOptions) -> Option<String> {
+    let why = match (from, options.target) {
+        _ if !options.init.is_decimated() => {
+            return Some(format!("the fit starts from {}", options.init.name()));
         }
-        _ if !options.effort.work().compares_starts => Some("a fast fit has one start"),
-        _ => None,
-    }
+        (Some(_), _) => "the fit starts from the level before",
+        (_, Target::Error(_) | Target::ScreenSize(_)) => {
+            "the budget is an error: other weights mean other numbers of triangles"
+        }
+        _ if !options.effort.work().compares_starts => "a fast fit has one start",
+        _ => return None,
+    };
+    Some(why.into())
 }
 
 /// Length of outline per area of each triangle of the reference, as smooth as a mesh of `budget` triangles can follow.

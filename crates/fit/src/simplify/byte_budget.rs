@@ -18,7 +18,7 @@ use super::{Asset, SimplifyOptions};
 use crate::engine::judge::{self, Stage};
 use crate::engine::reference::Reference;
 use crate::{FitError, Progress};
-use allocation::Way;
+use allocation::Variant;
 use photofit_scene::{Compression, Scene, TextureEncoding, TextureImage, to_glb_with};
 use rayon::prelude::*;
 
@@ -206,7 +206,7 @@ impl Budget<'_> {
     }
 
     /// What the files of each image cost and lose, where images are few and there is time to measure it.
-    fn ways(&self, files: &Files) -> Result<Option<Vec<Vec<Way>>>, FitError> {
+    fn ways(&self, files: &Files) -> Result<Option<Vec<Vec<Variant>>>, FitError> {
         if !(2..=IMAGES_MAX).contains(&files.images.len()) || self.progress.is_cancelled() {
             return Ok(None);
         }
@@ -215,7 +215,7 @@ impl Budget<'_> {
     }
 
     /// A shape with the textures that look best among those with which the file fits.
-    fn fitted(&self, files: &Files, ways: Option<&[Vec<Way>]>, bare: &Scene) -> Result<Made, FitError> {
+    fn fitted(&self, files: &Files, ways: Option<&[Vec<Variant>]>, bare: &Scene) -> Result<Made, FitError> {
         let made = |choice: &Choice| Made::new(files.with(bare, choice)?, files.compression);
         let smallest = files.smallest();
         let least = made(&smallest)?;
@@ -376,7 +376,7 @@ impl Files {
     }
 
     /// What the files of each image cost and lose, by the scores of [`Self::trials`].
-    fn ways(&self, scores: &[f64]) -> Vec<Vec<Way>> {
+    fn ways(&self, scores: &[f64]) -> Vec<Vec<Variant>> {
         let mut losses = scores[1..].iter().map(|s| (scores[0] - s).max(0.0));
         let one = |sizes: &Vec<Size>| {
             let own: Vec<f64> = losses.by_ref().take(sizes.len().min(HALVINGS + 1)).collect();
@@ -386,7 +386,7 @@ impl Files {
     }
 
     /// Each image in the size and encoding that together lose least within `room` bytes.
-    fn apart(&self, ways: &[Vec<Way>], room: u64) -> Option<Choice> {
+    fn apart(&self, ways: &[Vec<Variant>], room: u64) -> Option<Choice> {
         let choice = allocation::least_loss(ways, room)?;
         let file = |(way, sizes): (&usize, &Vec<Size>)| {
             let mut files =
@@ -522,7 +522,7 @@ impl File {
 
 /// What the files of an image cost and lose, size by size: decibels of pictures, of which `coarse` were measured for the
 /// whole image in the coarsest encoding and `halved` for its halves.
-fn ways(sizes: &[Size], coarse: f64, halved: &[f64]) -> Vec<Way> {
+fn ways(sizes: &[Size], coarse: f64, halved: &[f64]) -> Vec<Variant> {
     // A texel's difference counts for as much in small images as in the whole one, and for something where no picture shows it.
     let error = sizes[0].files[coarsest(&sizes[0])].error.max(1e-12);
     let weight = coarse.max(LEAST_LOSS[1]) / error;
@@ -536,7 +536,7 @@ fn ways(sizes: &[Size], coarse: f64, halved: &[f64]) -> Vec<Way> {
                 None => 2.0 * loss + LEAST_LOSS[1],
             },
         };
-        out.extend(size.files.iter().map(|f| Way { bytes: f.bytes, loss: loss + weight * f.error }));
+        out.extend(size.files.iter().map(|f| Variant { bytes: f.bytes, loss: loss + weight * f.error }));
     }
     out
 }

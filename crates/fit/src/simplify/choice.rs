@@ -31,18 +31,18 @@ pub(super) fn rebaked(
 
 /// How a start looks in the views of the early stop.
 #[derive(Clone, Copy)]
-pub(super) struct Look {
+pub(super) struct StartQuality {
     pub(super) psnr: f64,
     /// Share of the squared error at the outline, in [0, 1].
     pub(super) at_outline: f64,
 }
 
 /// The start that looks best in the views of the early stop, of which the first wins a tie, and how it looks.
-pub(super) fn best_start(starts: &[Start], held_out: &HeldOut) -> (usize, Look) {
+pub(super) fn best_start(starts: &[Start], held_out: &HeldOut) -> (usize, StartQuality) {
     let passes = Passes { energy: ENERGY, ..Passes::default() };
     let look = |start: &Start| {
         let pictures = surface::pictures(&start.candidate, held_out.shots(), &passes);
-        Look { psnr: held_out.psnr(&pictures), at_outline: held_out.at_outline(&pictures) }
+        StartQuality { psnr: held_out.psnr(&pictures), at_outline: held_out.at_outline(&pictures) }
     };
     let first = (0, look(&starts[0]));
     starts.iter().enumerate().skip(1).fold(first, |best, (k, start)| {
@@ -75,12 +75,11 @@ pub(super) fn best(
     asset: Asset<'_>,
     trained: Trained<Surface>,
     (starts, start): (&[Start], usize),
-    surface: &bake::ReferenceSurface<'_>,
     reference: &dyn Reference,
     options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<Chosen, FitError> {
-    let Asset { scene, n, visibility: seen, .. } = asset;
+    let Asset { scene, n, rays, visibility: seen, .. } = asset;
     if progress.is_cancelled() {
         return Ok(reached(trained, (starts, start), n, options));
     }
@@ -91,7 +90,7 @@ pub(super) fn best(
     let trained_steps = trained.steps;
     let mut models = vec![trained.model.clone(), trained.model];
     // A bake that fails costs no fit: the maps stay as they were fitted.
-    if let Ok(maps) = rebaked(surface, seen, &models[1].candidate, options, &Silent) {
+    if let Ok(maps) = rebaked(rays, seen, &models[1].candidate, options, &Silent) {
         models[1].candidate.maps = maps;
     }
     for start in starts {

@@ -86,9 +86,7 @@ fn within(
     let given = budget.asset.given;
     let whole = (budget.options.keeps_all(given) && compares).then_some(given);
     Ok(match budget.or_whole(made.swap_remove(best), whole)? {
-        (light, true) => {
-            (light, Written::Decimated, course.beaten_by("the asset as it was given is written"))
-        }
+        (light, true) => (light, Written::Whole, course.beaten_by("the asset as it was given is written")),
         (light, false) => (light, written, course),
     })
 }

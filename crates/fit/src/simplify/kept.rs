@@ -2,7 +2,9 @@
 
 use super::byte_budget::Budget;
 use super::outcome::Times;
-use super::{Asset, FILE, Outcome, SimplifyOptions, Written, byte_budget, dressed, outcome, plain, prepare};
+use super::{
+    Asset, FILE, Outcome, SimplifyOptions, Written, byte_budget, dressed, options, outcome, plain, prepare,
+};
 use crate::candidate::{Candidate, SurfaceClass};
 use crate::engine::FitFrame;
 use crate::engine::judge::Stage;
@@ -25,9 +27,8 @@ fn check(scene: &Scene) -> Result<(), FitError> {
         return Ok(());
     }
     let rule =
-        "is kept; it needs texture coordinates, and the asset has none: without it the light asset gets new ones"
-            .into();
-    Err(FitError::Setting { field: "surfacing", rule })
+        "needs texture coordinates, and the asset has none: without it the light asset gets new ones".into();
+    Err(FitError::Setting { field: options::KEPT_SURFACE, rule })
 }
 
 /// Decimates an asset in several ways, and writes what looks best.
@@ -38,9 +39,9 @@ pub(super) fn simplify(
     began: Instant,
     progress: &dyn Progress,
 ) -> Result<Outcome, FitError> {
-    let Asset { given, scene, n, rays, .. } = asset;
+    let Asset { given, scene, n, .. } = asset;
     check(scene)?;
-    let reference = &*options.rasterized_against().reference(scene, n, rays, options)?;
+    let reference = &*options.rasterized_against().reference(scene, n, options)?;
     let (views, count) = (options.orbit(options.resolution), options.choice_views());
     HeldOut::new(reference, &views, options.sampling(), count, options.seed)?.warn_unseen(progress);
     progress.report("decimate", 0, 1, "");
@@ -73,7 +74,7 @@ pub(super) fn simplify(
     let triangles = [scene.triangle_count(), written.triangle_count()];
     let stopped = progress.is_cancelled();
     let shape = stand_in(written, n.frame());
-    let fitted = SurfacePlan::new(scene, &shape, options.asked(reference.kind()));
+    let fitted = SurfacePlan::new(&shape, options.asked(reference.kind()));
     let model = Surface::new(shape, &fitted);
     let trained =
         Trained { model, history: Vec::new(), steps: 0, resumed: 0, mpix_per_s: 0.0, stopped: false };
@@ -146,9 +147,11 @@ mod tests {
         scene.primitives[0].mesh.uvs.clear();
         let path = std::env::temp_dir().join("never-written.glb");
         let refused = simplify(&scene, &path, &kept(), &Silent).unwrap_err().to_string();
-        assert!(refused.contains("surfacing") && refused.contains("the asset has none"), "{refused}");
+        assert!(refused.contains("kept_surface") && refused.contains("the asset has none"), "{refused}");
         let sphere = SimplifyOptions { init: Init::Sphere, ..kept() };
-        assert!(simplify(&tiled(), &path, &sphere, &Silent).unwrap_err().to_string().contains("surfacing"));
+        assert!(
+            simplify(&tiled(), &path, &sphere, &Silent).unwrap_err().to_string().contains("kept_surface")
+        );
         assert!(!path.exists());
     }
 

@@ -10,6 +10,7 @@ mod choice;
 mod coverage;
 mod effort;
 mod finish;
+mod init;
 mod kept;
 pub(crate) mod locks;
 mod mips;
@@ -34,9 +35,10 @@ pub use crate::engine::judge::{JudgeRenderer, Judged, Quality, ReportView, ViewQ
 pub use crate::engine::plan::Runs;
 pub use crate::engine::trainer::HistoryPoint;
 pub use effort::Effort;
+pub use init::Init;
 pub use mips::Mips;
 pub use options::{
-    FEWEST, FitRenderer, Init, LARGEST_ENGINE_PICTURE, MILD, MOST_REPLAYS, SimplifyOptions, Surfacing,
+    FEWEST, FitRenderer, LARGEST_ENGINE_PICTURE, MILD, MOST_REPLAYS, SimplifyOptions, Surfacing,
 };
 pub use outcome::{Outcome, Written, too_large_path};
 pub use plan::{FitPlan, Judgement};
@@ -89,19 +91,9 @@ pub fn simplify(
     let began = Instant::now();
     options.check(scene.triangle_count())?;
     scene.validate_for_fit()?;
-    let mut options = options.clone();
-    if let Some(most) = options.max_bytes.filter(|_| options.triangles_by_bytes) {
-        options.target = Target::Triangles(byte_budget::triangles_within(scene, most, options.compression)?);
-    }
-    locks::check(scene, &options, progress)?;
-    let (target, told) = options.sane_target(scene.triangle_count());
+    locks::check(scene, options, progress)?;
+    let (options, told) = &options.resolved(scene)?;
     told.iter().for_each(|t| progress.warn(t));
-    options.target = target;
-    // Nothing is missing that a fit could make up for: textures alone are reduced.
-    if target == Target::Triangles(scene.triangle_count()) && options.keeps_all(scene) {
-        options.steps = 0;
-    }
-    let options = &options;
     with_asset(scene, progress, |asset| simplify_asset(asset, None, output, options, began, progress))
 }
 
@@ -156,24 +148,20 @@ pub(crate) fn simplify_asset(
         return kept::simplify(asset, output, options, began, progress);
     }
     through_path::begin(options, progress);
-    let reference = &*options.rasterized_against().reference(scene, n, rays, options)?;
-    let moment = Moment::default();
-    let Some(surface) = reference.surface(moment) else {
-        return Err(FitError::Setting { field: "reference", rule: "has no surface to start from".into() });
-    };
+    let reference = &*options.rasterized_against().reference(scene, n, options)?;
 
-    let (views, backs) = backs::views(n, reference, moment, options)?;
+    let (views, backs) = backs::views(n, reference, Moment::default(), options)?;
     let sampling = options.sampling();
     let held_out = HeldOut::new(reference, &views, sampling, options.held_out_views(), options.seed)?;
     let held_out = held_out.measured_by(options.mips.measure());
     held_out.warn_unseen(progress);
-    let starts = by_outline::starts(n, surface, visibility, from, &held_out, options, progress)?;
+    let starts = by_outline::starts(n, rays, visibility, from, &held_out, options, progress)?;
     let (all, start) = (&starts.all, &starts.all[starts.best]);
     let loss = loss::choose(&held_out);
     let plan = options.plan(given, reference.kind()).with_backs(backs.seen, backs.share);
-    let decimates = from.is_none() && options.init == Init::Decimate;
-    let plan = plan.with_unseen(decimates.then(|| [visibility.hidden(), n.flat.mesh.triangles.len()]));
-    let fitted = SurfacePlan::new(scene, &start.candidate, options.asked(reference.kind()));
+    let plan =
+        plan.with_unseen(start.unseen.map(|dropped| [dropped, visibility.hidden(), scene.triangle_count()]));
+    let fitted = SurfacePlan::new(&start.candidate, options.asked(reference.kind()));
     let plan = plan.with_loss(loss, held_out.noise).with_maps(fitted.clone()).with_outline(starts.row);
     let keeping = through_path::keeping_before(options);
     let job = Job {
@@ -191,7 +179,7 @@ pub(crate) fn simplify_asset(
     };
     let fit_began = Instant::now();
     let rebake = |s: &Surface| {
-        let maps = choice::rebaked(surface, visibility, &s.candidate, options, progress)?;
+        let maps = choice::rebaked(rays, visibility, &s.candidate, options, progress)?;
         Ok(samples_of(&s.candidate, &maps))
     };
     let levels = start.candidate.fitted_levels();
@@ -208,8 +196,7 @@ pub(crate) fn simplify_asset(
         progress,
     )?;
     let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
-    let chosen =
-        choice::best(asset, trained, (&all[..], starts.best), surface, reference, options, progress)?;
+    let chosen = choice::best(asset, trained, (&all[..], starts.best), reference, options, progress)?;
     if options.surfacing == Surfacing::VertexColors {
         outcome::tell_detail(&chosen.trained.model.candidate, n, progress);
     }
@@ -235,7 +222,7 @@ pub(crate) fn simplify_asset(
     let light = &stages[stages.len() - 1].scene;
     (outcome.left_out, outcome.not_fitted) = (
         outcome::left_out(given, light, options.surfacing),
-        outcome::not_fitted(given, light, written == Written::Decimated),
+        outcome::not_fitted(given, light, written.has_own_surface()),
     );
     outcome.stopped |= progress.is_cancelled();
     outcome.add_traced_maps(traced_maps.course());

@@ -1,7 +1,10 @@
 //! What the user chooses.
 
 use super::through_path::TracedMaps;
-use super::{Effort, FitPlan, Judgement, Mips, Normalised, ReferenceRenderer, by_outline, locks, mips};
+use super::{
+    Effort, FitPlan, Init, Judgement, Mips, Normalised, ReferenceRenderer, by_outline, byte_budget, locks,
+    mips,
+};
 use crate::bake::{BakeSettings, Occlusion};
 use crate::candidate::Candidate;
 use crate::engine::device::Device;
@@ -17,16 +20,6 @@ use photofit_geometry::decimate::Target;
 use photofit_scene::{Compression, Scene, TextureEncoding};
 use std::path::PathBuf;
 use std::time::Duration;
-
-/// What the fit starts from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Init {
-    /// The decimated reference.
-    #[default]
-    Decimate,
-    /// A sphere.
-    Sphere,
-}
 
 /// What draws the light asset while its maps are fitted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -350,7 +343,7 @@ impl SimplifyOptions {
         let (judged, why) = self.judged(scene);
         // Decimated, baked, wrapped where the fit starts from a decimated asset, fitted, and the file where that is something
         // else.
-        let starts = self.init == Init::Decimate && self.effort.work().compares_starts;
+        let starts = self.init.is_decimated() && self.effort.work().compares_starts;
         let fitted = if self.surfacing == Surfacing::Kept { 1 } else { 4 + u64::from(starts) };
         let asset = u64::from(!matches!(judged, Judged::RasterizedAgainst(_)));
         Judgement {
@@ -391,6 +384,7 @@ impl SimplifyOptions {
         let texture_size = self.texture_size;
         let rules = [
             target_rule(self.target, triangles),
+            self.init.check(self.target),
             rule("resolution", resolution, (16..=4096).contains(&resolution), "must be 16 to 4096"),
             rule("texture_size", texture_size, (16..=8192).contains(&texture_size), "must be 16 to 8192"),
             rule("batch", self.batch, (1..=64).contains(&self.batch), "must be 1 to 64"),
@@ -415,7 +409,7 @@ impl SimplifyOptions {
                 self.compression == Compression::None,
                 "needs exact positions, which compressed geometry has not",
             ),
-            locks::rule(self, self.init == Init::Decimate, "needs the decimated asset as the start"),
+            locks::rule(self, self.init.is_decimated(), "needs the decimated asset as the start"),
             rule(
                 "resume",
                 self.resume,
@@ -440,6 +434,26 @@ impl SimplifyOptions {
     pub(super) fn keeps_textures(&self) -> bool {
         let maps = self.surfacing == Surfacing::Maps;
         maps && self.own_textures && !matches!(self.occlusion, Occlusion::Rays(_))
+    }
+
+    /// The same with what an asset decides: its triangles where they follow from bytes, the budget that is meant, and no steps
+    /// where nothing is missing that a fit could make up for, since textures alone are reduced. Also says what a user should know
+    /// about the budget.
+    ///
+    /// # Errors
+    /// If the geometry cannot be written, whose bytes count.
+    pub fn resolved(&self, scene: &Scene) -> Result<(Self, Option<String>), FitError> {
+        let mut options = self.clone();
+        if let Some(most) = self.max_bytes.filter(|_| self.triangles_by_bytes) {
+            let triangles = byte_budget::triangles_within(scene, most, self.compression)?;
+            options.target = Target::Triangles(triangles);
+        }
+        let (target, told) = options.sane_target(scene.triangle_count());
+        options.target = target;
+        if target == Target::Triangles(scene.triangle_count()) && options.keeps_all(scene) {
+            options.steps = 0;
+        }
+        Ok((options, told))
     }
 
     /// The budget that is meant: a share of the triangles of an asset never leaves fewer than [`FEWEST`] of them, or all
@@ -470,22 +484,30 @@ pub const MILD: f64 = 0.25;
 /// Fewest triangles that a share of an asset leaves.
 pub const FEWEST: usize = 64;
 
-/// What goes with the asset's own surface, and with colours of vertices.
+/// [`Surfacing::Kept`] in errors.
+pub(super) const KEPT_SURFACE: &str = "kept_surface";
+/// [`Surfacing::VertexColors`] in errors.
+const VERTEX_COLORS: &str = "vertex_colors";
+
+/// What goes with the asset's own surface, and with colours of vertices; errors name these instead of the field of both.
 fn surfacing_rule(o: &SimplifyOptions) -> Result<(), FitError> {
     let baked = matches!(o.occlusion, Occlusion::Rays(_));
+    let needs = |field, holds, must: &str| {
+        if holds { Ok(()) } else { Err(FitError::Setting { field, rule: must.into() }) }
+    };
     match o.surfacing {
         Surfacing::Maps => Ok(()),
         Surfacing::Kept => {
-            let plain = !o.reference.kind().indirect_light && o.init == Init::Decimate && !baked;
+            let plain = !o.reference.kind().indirect_light && o.init.is_decimated() && !baked;
             let must = "goes with pictures of the asset without indirect light, the decimated asset as the start and no baked \
                         occlusion";
-            rule("surfacing", "kept", plain, must)
+            needs(KEPT_SURFACE, plain, must)
         }
         Surfacing::VertexColors => {
             let plain = o.fit_with == FitRenderer::Raster && !baked;
             let must =
-                "must be a kind of image where maps are fitted through the path tracer or occlusion is baked";
-            rule("surfacing", "vertex colours", plain, must)
+                "cannot stand for maps where these are fitted through the path tracer or occlusion is baked";
+            needs(VERTEX_COLORS, plain, must)
         }
     }
 }

@@ -64,8 +64,8 @@ pub struct Outcome {
     pub surfacing: Surfacing,
     /// Its textures: sizes and encodings.
     pub textures: String,
-    /// The fitted asset in the normalised frame: the written one, unless that is [`Written::Decimated`] or its maps were
-    /// fitted through the path tracer. Of [`Written::Kept`] it has the shape alone.
+    /// The fitted asset in the normalised frame: the written one, unless that is [`Written::Decimated`] or
+    /// [`Written::Whole`], or its maps were fitted through the path tracer. Of [`Written::Kept`] it has the shape alone.
     pub candidate: Candidate,
     /// Width and height of the pictures that quality is reported by.
     pub resolution: usize,
@@ -110,6 +110,8 @@ pub enum Written {
     Decimated,
     /// The asset's own texture coordinates, materials and textures on fewer triangles, as asked.
     Kept,
+    /// The asset as it was given: no other file took so few bytes.
+    Whole,
 }
 
 impl Written {
@@ -122,7 +124,13 @@ impl Written {
             Self::Baked => "baked",
             Self::Decimated => "decimated",
             Self::Kept => "kept",
+            Self::Whole => "whole",
         }
+    }
+
+    /// Whether that has the asset's own texture coordinates, materials and textures.
+    pub fn has_own_surface(self) -> bool {
+        matches!(self, Self::Decimated | Self::Kept | Self::Whole)
     }
 }
 
@@ -163,7 +171,7 @@ impl Outcome {
             }
             Judged::PathTraced => {
                 let side = self.resolution.min(WIDEST_TRACED);
-                let shadows = self.plan.holds_shadows() && self.written != Written::Decimated;
+                let shadows = self.plan.holds_shadows() && !self.written.has_own_surface();
                 let twice = if shadows { "; shadows that its maps hold count twice" } else { "" };
                 format!("judged by path traced pictures of {side} x {side} pixels, {spp} samples each{twice}")
             }

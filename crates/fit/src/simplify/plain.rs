@@ -42,13 +42,13 @@ pub(super) fn decimated(
 
 /// How decimations to the same number of triangles differ.
 #[derive(Clone, Default)]
-pub(super) struct Way {
+pub(super) struct Decimation {
     /// How much each triangle counts; empty: all alike.
     importance: Vec<f32>,
     is_mild: bool,
 }
 
-impl Way {
+impl Decimation {
     fn decimated(
         &self,
         asset: Asset<'_>,
@@ -71,13 +71,13 @@ pub(super) fn best(
     target: Target,
     options: &SimplifyOptions,
     progress: &dyn Progress,
-) -> Result<(Stage, Way), FitError> {
+) -> Result<(Stage, Decimation), FitError> {
     let Asset { scene, n, visibility, .. } = asset;
     if !matches!(target, Target::Triangles(_) | Target::Ratio(_)) || progress.is_cancelled() {
-        return Ok((first, Way::default()));
+        return Ok((first, Decimation::default()));
     }
-    let mild = Way { is_mild: true, ..Way::default() };
-    let seen = Way { importance: importance(n, visibility), ..Way::default() };
+    let mild = Decimation { is_mild: true, ..Decimation::default() };
+    let seen = Decimation { importance: importance(n, visibility), ..Decimation::default() };
     let made =
         rayon::join(|| mild.decimated(asset, target, options), || seen.decimated(asset, target, options));
     let mut stages = vec![first, made.0?, made.1?];
@@ -90,13 +90,13 @@ pub(super) fn best(
         judge.scores(&stages, (count, options.smallest_picture()), samples, progress)?
     };
     let best = judge::highest(&scores);
-    Ok((stages.swap_remove(best), vec![Way::default(), mild, seen].swap_remove(best)))
+    Ok((stages.swap_remove(best), vec![Decimation::default(), mild, seen].swap_remove(best)))
 }
 
 /// The decimation that looks best, as it is written, and, where triangles follow from bytes, others made in the same way.
 pub(super) fn shapes(
     asset: Asset<'_>,
-    (best, way): &(Stage, Way),
+    (best, way): &(Stage, Decimation),
     options: &SimplifyOptions,
     written: &dyn Fn(&Stage) -> Scene,
 ) -> Result<Shapes, FitError> {
@@ -115,7 +115,7 @@ pub(super) fn shapes(
 /// The asset with all of its textures and materials as they are.
 pub(super) fn kept(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> Scene {
     let mut light = stage.placed(&n.light_asset);
-    if options.occlusion == Occlusion::Open {
+    if options.occlusion == Occlusion::None {
         light.materials.iter_mut().for_each(|m| m.occlusion_texture = None);
     }
     keep_used(&mut light);

@@ -15,7 +15,7 @@ use crate::engine::plan::{Item, PlanRows, Runs, SurfacePlan, rows};
 use crate::engine::reference::ReferenceKind;
 use crate::engine::trainer::Phase;
 use crate::engine::views::Lighting;
-use asset::{Asset, Dress};
+use asset::{Asset, LightSurface};
 use photofit_scene::Scene;
 use std::fmt;
 
@@ -52,8 +52,8 @@ pub struct FitPlan {
     backs: Option<(f64, f32)>,
     /// Whether outlines count in where triangles are.
     outline: Option<Item>,
-    /// Triangles of the asset that nobody sees, and all.
-    unseen: Option<[usize; 2]>,
+    /// Triangles of the asset that the decimation left out, those that nobody sees, and all.
+    unseen: Option<[usize; 3]>,
     /// Whether maps are fitted through the path tracer, where that is asked for.
     traced_maps: Option<Item>,
     /// What came of it.
@@ -156,9 +156,10 @@ impl FitPlan {
         Self { outline: Some(outline), ..self }
     }
 
-    /// Adds how many triangles of the asset nobody sees, of all, where the start is decimated from it.
+    /// Adds how many triangles of the asset the decimation left out since nobody sees them, how many nobody sees, and all, where
+    /// the start is decimated from it.
     #[must_use]
-    pub(crate) fn with_unseen(self, unseen: Option<[usize; 2]>) -> Self {
+    pub(crate) fn with_unseen(self, unseen: Option<[usize; 3]>) -> Self {
         Self { unseen, ..self }
     }
 
@@ -212,24 +213,25 @@ impl FitPlan {
                 None => self.asset.surface_items(self.steps(), &mut items),
             }
         }
-        self.asset.data_items(self.occlusion, self.dress(), &mut items);
+        self.asset.data_items(self.occlusion, self.surface(), &mut items);
         self.option_items(&mut items);
         items.extend(self.traced_maps.clone());
         items.extend(self.judgement.as_ref().map(Judgement::item));
         items.extend(self.backs.map(|(seen, share)| rows::backs(seen, share)));
         items.extend(self.outline.clone());
-        items.extend(self.mips.map(rows::free_mips));
+        items.extend(self.mips.map(|sizes| rows::free_mips(sizes, self.makes_steps())));
         items.extend(self.device.clone().map(rows::device));
         items
     }
 
     /// What the light asset has of the asset's surface, as far as it is known.
-    fn dress(&self) -> Dress {
+    fn surface(&self) -> LightSurface {
         match (self.surfacing, self.result.map(|r| r.written)) {
-            (Surfacing::Kept, _) | (_, Some(Written::Decimated | Written::Kept)) => Dress::Own,
-            (Surfacing::VertexColors, _) => Dress::Colors,
-            (Surfacing::Maps, Some(_)) => Dress::New,
-            (Surfacing::Maps, None) => Dress::Open,
+            (Surfacing::Kept, _) => LightSurface::Own,
+            (_, Some(written)) if written.has_own_surface() => LightSurface::Own,
+            (Surfacing::VertexColors, _) => LightSurface::Colors,
+            (Surfacing::Maps, Some(_)) => LightSurface::New,
+            (Surfacing::Maps, None) => LightSurface::Open,
         }
     }
 
@@ -237,6 +239,11 @@ impl FitPlan {
     fn steps(&self) -> Option<u64> {
         let none = self.result.filter(|r| r.steps == 0).map(|_| 0);
         none.or(self.choices.as_ref().map(|c| c.steps))
+    }
+
+    /// Whether steps are made, as far as it is known.
+    fn makes_steps(&self) -> bool {
+        self.steps() != Some(0)
     }
 
     fn option_items(&self, items: &mut Vec<Item>) {
@@ -263,7 +270,7 @@ impl FitPlan {
             }
         }
         if let Some((loss, noise)) = self.loss {
-            items.push(rows::loss(loss, noise));
+            items.push(rows::loss(loss, noise, self.makes_steps()));
         }
     }
 }
@@ -278,15 +285,15 @@ fn written(written: Written, steps: u64) -> Item {
         Written::Baked => "the decimated start with baked maps",
         Written::Decimated => "the decimated asset with its own materials",
         Written::Kept => "the asset's own surface on fewer triangles",
+        Written::Whole => "the asset as it was given: no other file took so few bytes",
     };
     Item { what: "written asset", runs: Runs::Yes, why: why.into() }
 }
 
 impl From<&FitPlan> for PlanRows {
     fn from(plan: &FitPlan) -> Self {
-        // Of a fit that came to no step no phase began.
-        let ran = plan.result.is_none_or(|r| r.steps > 0);
-        Self { items: plan.items(), phases: if ran { plan.phases.clone() } else { Vec::new() } }
+        let steps = plan.result.map_or(u64::MAX, |r| r.steps);
+        Self { items: plan.items(), phases: plan.phases.clone() }.ended(steps)
     }
 }
 

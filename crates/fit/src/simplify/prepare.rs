@@ -1,8 +1,8 @@
 //! From the reference to the start of the fit: normalise, decimate, unwrap, bake.
 
+use super::init::Shape;
 use super::texture_space::TextureSpaces;
-use super::{Init, Mips, SimplifyOptions};
-use super::{coverage, locks, shrink_wrap};
+use super::{Mips, SimplifyOptions, coverage, locks};
 use crate::bake::{self, BakeClass, BakeSettings, ReferenceSurface, bake};
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
@@ -11,16 +11,12 @@ use crate::engine::judge::Stage;
 use crate::engine::unwrap::unwrapped;
 use crate::visibility::{Visibility, VisibilitySettings, visibility_reporting};
 use crate::{FitError, Progress};
+use photofit_geometry::Mesh;
 use photofit_geometry::decimate::{DecimateError, Decimated, Options, Target, decimate, decimate_reporting};
-use photofit_geometry::{Mesh, shapes};
 use photofit_raster::CHANNELS;
 use photofit_raster::texture::{MipRule, Pyramid};
-use photofit_rays::NearestPoint;
-use photofit_scalar::vec3;
 use photofit_scene::Scene;
 use photofit_shading::Sides;
-use rayon::prelude::*;
-use std::collections::HashSet;
 use std::ops::ControlFlow;
 
 /// Triangles that fewer than this share of the sky sees still count this much in the decimation.
@@ -48,32 +44,18 @@ pub(super) fn prepare(
 ) -> Result<Vec<Start>, FitError> {
     let go_on = || if progress.is_cancelled() { Err(FitError::Interrupted) } else { Ok(()) };
     go_on()?;
-    let mut locked = HashSet::new();
-    let (mesh, class, decimated) = match (options.init, from) {
-        (Init::Sphere, None) => {
-            let mut mesh = sphere(n, seen, options.target)?;
-            shrink_wrap::FROM_AFAR.run(&mut mesh, &[], reference, (seen, &[]), progress)?;
-            let class = closest_classes(n, reference, seen, &mesh);
-            (mesh, class, None)
+    let Shape { mesh, class, decimated, locked, unseen } = match from {
+        Some(candidate) => {
+            let d = decimated(n, &candidate.mesh(), &candidate.class, &[], options, progress)?;
+            Shape { unseen: None, ..Shape::drawn(d, reference, (seen, weights.drawn), progress)? }
         }
-        (_, from) => {
-            let d = match from {
-                Some(candidate) => decimated(n, &candidate.mesh(), &candidate.class, &[], options, progress)?,
-                None => {
-                    let (mesh, class) = (&n.flat.mesh, n.triangle_classes());
-                    decimated(n, mesh, &class, weights.decimated, options, progress)?
-                }
-            };
-            locked = locks::locked(&d);
-            let mut mesh = d.mesh.clone();
-            shrink_wrap::NEARBY.run(&mut mesh, &d.locked, reference, (seen, weights.drawn), progress)?;
-            (mesh, d.group, Some(d.mesh))
-        }
+        None => options.init.shape(n, reference, (seen, weights), options, progress)?,
     };
     go_on()?;
     let start = |mesh: &Mesh, class| {
         let mut start = unwrap_and_bake(n, reference, seen, mesh, class, options, progress)?;
         start.candidate.lock(|p| locked.contains(&bits(*p)));
+        start.unseen = unseen;
         Ok::<Start, FitError>(start)
     };
     let mut starts = vec![start(&mesh, class.clone())?];
@@ -98,6 +80,8 @@ pub(super) struct Start {
     pub(super) candidate: Candidate,
     /// Mean distance to the reference, in the normalised frame.
     pub(super) distance: f64,
+    /// Triangles of the reference that its decimation left out since nobody sees them; `None` where it was not decimated.
+    pub(super) unseen: Option<usize>,
 }
 
 /// Gives a mesh an atlas, the reference's hard edges, and maps baked from the reference.
@@ -117,7 +101,7 @@ fn unwrap_and_bake(
     }
     let (baked, distance) = bake_candidate(reference, seen, &candidate, options, progress)?;
     candidate.maps = baked;
-    Ok(Start { candidate, distance })
+    Ok(Start { candidate, distance, unseen: None })
 }
 
 /// A callback that shows the finished share of a stage and passes on the wish to stop.
@@ -139,7 +123,7 @@ pub(super) fn importance(n: &Normalised, seen: &Visibility) -> Vec<f32> {
 }
 
 /// Decimates a mesh whose triangles have the given classes.
-fn decimated(
+pub(super) fn decimated(
     n: &Normalised,
     mesh: &Mesh,
     class: &[u32],
@@ -189,53 +173,6 @@ pub(super) fn tell_budget(options: &SimplifyOptions, [of, made]: [usize; 2], pro
             "locked vertices leave no room for a budget of {most} triangles: there are {made}"
         ));
     }
-}
-
-/// A sphere around the visible reference, as many triangles as the budget allows.
-fn sphere(n: &Normalised, seen: &Visibility, target: Target) -> Result<Mesh, FitError> {
-    let budget = match target {
-        Target::Triangles(t) => t,
-        Target::Ratio(r) => (n.flat.mesh.triangles.len() as f64 * r) as usize,
-        Target::Error(_) | Target::ScreenSize(_) => {
-            return Err(FitError::Setting {
-                field: "init",
-                rule: "is a sphere; it must be the decimated asset for a target by error or screen size"
-                    .into(),
-            });
-        }
-    };
-    let frequency = ((budget as f64 / 20.0).sqrt().floor() as u32).max(1);
-    let mut mesh = shapes::icosphere(frequency);
-    let visible = |t: &usize| seen.is_visible(*t);
-    let corners = || (0..n.flat.mesh.triangles.len()).filter(visible).flat_map(|t| n.flat.mesh.corners(t));
-    let first = corners().next().unwrap_or_default();
-    let (lo, hi) = corners().fold((first, first), |(lo, hi), p| (lo.min(p), hi.max(p)));
-    let (center, half) = ((lo + hi) * 0.5, (hi - lo) * 0.5);
-    for p in &mut mesh.positions {
-        *p = center + vec3(p.x * half.x, p.y * half.y, p.z * half.z) * 0.9;
-    }
-    mesh.normals.clear();
-    Ok(mesh)
-}
-
-/// The class of each triangle of `mesh`: that of the visible triangle of the reference closest to its centre.
-fn closest_classes(
-    n: &Normalised,
-    reference: &ReferenceSurface<'_>,
-    seen: &Visibility,
-    mesh: &Mesh,
-) -> Vec<u32> {
-    let classes = n.triangle_classes();
-    (0..mesh.triangles.len())
-        .into_par_iter()
-        .map(|t| {
-            let [a, b, c] = mesh.corners(t);
-            let centre = (a + b + c) * (1.0 / 3.0);
-            let visible = |p: &NearestPoint| seen.is_visible(p.triangle as usize);
-            let closest = reference.accel().closest_point_where(centre, f32::INFINITY, visible);
-            closest.map_or(0, |p| classes[p.triangle as usize])
-        })
-        .collect()
 }
 
 /// Bakes the reference onto the candidate's present shape: maps with the mip levels that they start with, and the mean distance

@@ -1,9 +1,9 @@
 //! The references that a simplification can be asked for.
 
 use super::{Mips, SimplifyOptions};
+use crate::FitError;
 use crate::engine::Normalised;
 use crate::engine::reference::{MaterialFeatures, PathTraced, Rasterized, Reference, ReferenceKind, SAMPLES};
-use crate::{FitError, bake};
 use photofit_scene::Scene;
 
 /// How pictures of the reference are made.
@@ -30,20 +30,17 @@ impl ReferenceRenderer {
         self,
         scene: &Scene,
         n: &'a Normalised,
-        surface: &'a bake::ReferenceSurface<'a>,
         options: &SimplifyOptions,
     ) -> Result<Box<dyn Reference + 'a>, FitError> {
         Ok(match self {
             Self::Raster => {
-                let rasterized = Rasterized::of(n, surface);
+                let rasterized = Rasterized::new(&n.flat, &n.library);
                 Box::new(match options.mips {
                     Mips::Classic => rasterized.sampled(options.reference_samples()),
                     Mips::Free => rasterized.sampled_by_size(options.effort.work().coarser),
                 })
             }
-            Self::Path => Box::new(
-                PathTraced::new(scene, n, MaterialFeatures::Core, options.seed)?.with_surface(surface),
-            ),
+            Self::Path => Box::new(PathTraced::new(scene, n, MaterialFeatures::Core, options.seed)?),
         })
     }
 }

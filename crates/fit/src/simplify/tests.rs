@@ -1,5 +1,7 @@
 //! The main job on assets of a few hundred triangles.
 
+mod plans;
+
 use super::*;
 use crate::Silent;
 pub(super) use crate::progress::Heard;
@@ -113,7 +115,7 @@ fn occlusion_is_kept_baked_or_left_out() {
     };
     assert_eq!(written(Occlusion::Maps, false), Some((153, 153)));
     for own in [false, true] {
-        assert_eq!(written(Occlusion::Open, own), None);
+        assert_eq!(written(Occlusion::None, own), None);
         let (least, most) = written(Occlusion::Rays(OcclusionRays::default()), own).unwrap();
         // The top of the ball sees all of the sky; where it meets the floor there is none.
         assert!(least < 120 && most == 255, "{least} to {most}");

@@ -53,6 +53,39 @@ fn alpha_of_one_and_zero_has_a_gradient() {
 }
 
 #[test]
+fn alpha_of_glass_stays_beside_blended_surfaces() {
+    let (mesh, class) = mesh();
+    let mut setting = Setting::new(Kind::Transparent, Content::Random, 5);
+    let base = setting.candidate.maps.levels[0].clone();
+    let classes = [(AlphaMode::Opaque, false), (AlphaMode::Blend, false), (AlphaMode::Blend, true)];
+    let classes = classes.map(|(alpha, see_through)| SurfaceClass {
+        alpha,
+        sides: Sides::Both,
+        see_through,
+        ..SurfaceClass::default()
+    });
+    let smoothing = weld_exact(&mesh.positions);
+    setting.candidate = Candidate::new(&mesh, &smoothing, class.clone(), classes.to_vec(), base);
+    for free in [false, true] {
+        if free {
+            setting.candidate.free_mips();
+        }
+        let g = setting.gradients(Value::Weighted);
+        for level in &g.rendered.maps.levels[..setting.candidate.fitted_levels().min(3)] {
+            let of = |wanted: u32| {
+                let own = mesh.triangles.iter().zip(&class).filter(|(_, c)| **c == wanted).map(|(t, _)| *t);
+                let own: Vec<[u32; 3]> = own.collect();
+                let shown = mesh_coverage(&mesh.uvs, &own, level.width, level.height, true).mask();
+                let moved = |(t, shown): (&[f64; CHANNELS], bool)| shown && t[channel::ALPHA] != 0.0;
+                level.texels.iter().zip(shown).filter(|(t, shown)| moved((t, *shown))).count()
+            };
+            let moved = [0, 1, 2].map(of);
+            assert!(moved[0] == 0 && moved[1] > 20 && moved[2] == 0, "{moved:?} texels, free: {free}");
+        }
+    }
+}
+
+#[test]
 fn what_lies_behind_a_candidate_of_any_alpha_is_drawn() {
     let n = 32;
     // A lamp, and a sheet in front of it; one half of the maps each.

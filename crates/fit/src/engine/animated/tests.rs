@@ -119,7 +119,6 @@ fn references_show_the_asset_at_any_moment() {
     // Where it is: the ball that moves leaves the frame of the asset as it stands.
     let [start, end] = [moments[0], moments[2]].map(|m| raster.bounds(m));
     assert!((start.radius - 1.0).abs() < 0.01 && end.radius > 1.3, "{start:?} {end:?}");
-    assert!(raster.surface(moments[1]).is_none());
 }
 
 #[test]

@@ -56,6 +56,7 @@ fn candidate(sheets: bool) -> Candidate {
             alpha,
             sides: if alpha == AlphaMode::Opaque { Sides::Both } else { Sides::Front },
             opposed: alpha == AlphaMode::Blend,
+            see_through: false,
         })
         .to_vec();
     let mut rng = Uniform::new(3);

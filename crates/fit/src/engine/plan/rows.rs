@@ -58,6 +58,14 @@ impl PlanRows {
         Self { items, phases: self::phases(phases) }
     }
 
+    /// The same of a fit that came to so many steps: of one without any no phase began.
+    pub(crate) fn ended(mut self, steps: u64) -> Self {
+        if steps == 0 {
+            self.phases.clear();
+        }
+        self
+    }
+
     /// Adds where the fit runs and why; nothing is told without it.
     pub(crate) fn with_device(mut self, told: Option<String>) -> Self {
         self.items.extend(told.map(device));
@@ -85,9 +93,10 @@ impl fmt::Display for PlanRows {
     }
 }
 
-/// The row of the loss, with the noise of the pictures where it is known.
-pub(crate) fn loss(loss: PictureLoss, noise: Option<f64>) -> Item {
+/// The row of the loss, with the noise of the pictures where it is known, of a fit that makes steps or none.
+pub(crate) fn loss(loss: PictureLoss, noise: Option<f64>, steps: bool) -> Item {
     let why = match loss.loss {
+        _ if !steps => NO_STEPS.into(),
         Loss::Mse if loss.weights == Weights::Relative => {
             "squares relative to the reference around a pixel: little biased by noise, and of wide range"
                 .into()
@@ -104,7 +113,7 @@ pub(crate) fn loss(loss: PictureLoss, noise: Option<f64>) -> Item {
             (_, None) => "the pictures are taken for clean".into(),
         },
     };
-    Item { what: "logarithmic loss", runs: (loss.loss != Loss::Mse).into(), why }
+    Item { what: "logarithmic loss", runs: (steps && loss.loss != Loss::Mse).into(), why }
 }
 
 /// The row of where a fit runs, and why there.
@@ -112,13 +121,14 @@ pub(crate) fn device(why: String) -> Item {
     Item { what: "device", runs: Runs::Yes, why }
 }
 
-/// The row of mip levels with texels of their own, and the sizes of the pictures that they are fitted to.
-pub(crate) fn free_mips([least, most]: [usize; 2]) -> Item {
+/// The row of mip levels with texels of their own, and the sizes of the pictures that they are fitted to, by a fit that makes
+/// steps or none.
+pub(crate) fn free_mips([least, most]: [usize; 2], steps: bool) -> Item {
     let why = format!(
         "each level has texels of its own, fitted to pictures of {least} to {most} pixels, coarse ones at {COARSE_RATE} times the \
          rate of maps"
     );
-    Item { what: "free mip levels", runs: Runs::Yes, why }
+    Item::of("free mip levels", steps, why, NO_STEPS)
 }
 
 /// The row of views that show the backs of single-sided surfaces: the share of the asset's pixels that these change, and of the
@@ -137,15 +147,14 @@ pub(crate) fn backs(seen: f64, share: f32) -> Item {
 }
 
 /// The row of a loss that the options ask for.
-pub(crate) fn asked_loss(loss: PictureLoss) -> Item {
-    let why = format!("{} is asked for: {}", loss.name(), loss.about());
-    Item { what: "loss", runs: Runs::Yes, why }
+pub(crate) fn asked_loss(loss: PictureLoss, steps: bool) -> Item {
+    Item::of("loss", steps, format!("{} is asked for: {}", loss.name(), loss.about()), NO_STEPS)
 }
 
 /// The row of a loss that a task has, whatever its pictures are.
-pub(crate) fn own_loss(loss: PictureLoss) -> Item {
+pub(crate) fn own_loss(loss: PictureLoss, steps: bool) -> Item {
     let why = format!("{}, the only one of this task: {}", loss.name(), loss.about());
-    Item { what: "loss", runs: Runs::Yes, why }
+    Item::of("loss", steps, why, NO_STEPS)
 }
 
 /// Why nothing is fitted where the options ask for no steps.
@@ -161,10 +170,16 @@ pub(crate) fn steps(made: u64, most: u64) -> Item {
     Item::of("steps", made > 0, format!("{made} of at most {most}"), format!("none of at most {most}"))
 }
 
-/// The row of triangles of the asset that nobody sees, of so many.
-pub(crate) fn unseen([unseen, all]: [usize; 2]) -> Item {
-    let why = format!("{unseen} of {all}: the decimation of the start spends nothing on them");
-    Item { what: "unseen triangles", runs: Runs::No, why }
+/// The row of triangles of the asset that nobody sees: those that the decimation of the start left out, those, and all.
+pub(crate) fn unseen([dropped, unseen, all]: [usize; 3]) -> Item {
+    let decimated = dropped == 0 && unseen > 0;
+    let why_not = format!("{dropped} of {all}: left out of the decimation, of {unseen} that nobody sees");
+    Item::of(
+        "unseen triangles",
+        decimated,
+        format!("{unseen} of {all}: none is left out of the decimation"),
+        why_not,
+    )
 }
 
 /// What a fit does with a surface: all that its rows are told from.

@@ -6,7 +6,7 @@ use crate::engine::cpu::Chain as _;
 use crate::engine::surface::Surface;
 use photofit_geometry::{Weld, shapes};
 use photofit_raster::Maps as Texels;
-use photofit_scene::{Extensions, Instance, Material, Primitive, Transmission};
+use photofit_scene::{AlphaMode, Instance, Material, Primitive, Scene};
 use photofit_shading::Sides;
 
 pub(crate) fn scene(material: Material) -> Scene {
@@ -35,69 +35,67 @@ pub(crate) fn candidate(mode: AlphaMode, paint: impl Fn(usize, &mut [f32; CHANNE
 }
 
 /// The plan of 100 steps against rasterized pictures, or of none.
-pub(crate) fn planned(scene: &Scene, candidate: &Candidate, steps: u64) -> SurfacePlan {
-    SurfacePlan::new(scene, candidate, Asked { steps, moves: true, reference: ReferenceKind::RASTERIZED })
+pub(crate) fn planned(candidate: &Candidate, steps: u64) -> SurfacePlan {
+    SurfacePlan::new(candidate, Asked { steps, moves: true, reference: ReferenceKind::RASTERIZED })
 }
 
 #[test]
-fn an_opaque_scene_runs_one_layer_and_no_blending() {
-    let fit = |scene: &Scene, candidate: &Candidate| planned(scene, candidate, 100);
-    let plan = fit(&scene(Material::clay()), &candidate(AlphaMode::Opaque, |_, _| {}));
+fn an_opaque_surface_runs_one_layer_and_no_blending() {
+    let fit = |candidate: &Candidate| planned(candidate, 100);
+    let plan = fit(&candidate(AlphaMode::Opaque, |_, _| {}));
     assert_eq!(plan.passes.max_layers, 1);
     assert!(!plan.fitted[channel::ALPHA]);
-    let mask = AlphaMode::Mask { cutoff: 0.5 };
-    let leaf = Material { alpha_mode: mask, ..Material::clay() };
-    let masked = fit(&scene(leaf), &candidate(mask, |_, _| {}));
+    let masked = fit(&candidate(AlphaMode::Mask { cutoff: 0.5 }, |_, _| {}));
     assert!(masked.fades && masked.fitted[channel::ALPHA] && !plan.fades);
-    // Glass beside masks is drawn by an alpha that is not written.
-    let glass = Extensions {
-        transmission: Some(Transmission { factor: 1.0, texture: None }),
-        ..Extensions::default()
-    };
-    let glass = scene(Material { extensions: Some(Box::new(glass)), ..Material::clay() });
-    assert!(!fit(&glass, &candidate(AlphaMode::Blend, |_, _| {})).fitted[channel::ALPHA]);
-    let glass = Material { alpha_mode: AlphaMode::Blend, ..Material::clay() };
-    let plan = fit(&scene(glass), &candidate(AlphaMode::Blend, |_, _| {}));
+    let sheet = candidate(AlphaMode::Blend, |_, _| {});
+    let plan = fit(&sheet);
     assert!(!plan.fades);
     assert!(plan.passes.max_layers > 1 && plan.fitted[channel::ALPHA]);
+    // Glass is drawn by an alpha that is not written.
+    let mut glass = sheet;
+    glass.classes[0].see_through = true;
+    let plan = fit(&glass);
+    assert!(plan.passes.max_layers > 1 && !plan.fitted[channel::ALPHA] && !plan.passes.alpha_gradients);
+    // Alpha of what stands beside it is written.
+    for alpha in [AlphaMode::Blend, AlphaMode::Mask { cutoff: 0.5 }] {
+        let mut both = glass.clone();
+        both.classes.push(SurfaceClass { alpha, ..SurfaceClass::default() });
+        both.class[0] = 1;
+        assert!(fit(&both).fitted[channel::ALPHA], "{alpha:?}");
+    }
 }
 
 #[test]
 fn frozen_positions_run_no_silhouettes() {
-    let (clay, sheet) = (scene(Material::clay()), candidate(AlphaMode::Opaque, |_, _| {}));
+    let sheet = candidate(AlphaMode::Opaque, |_, _| {});
     let asked = Asked { steps: 100, moves: false, reference: ReferenceKind::RASTERIZED };
-    for frozen in [planned(&clay, &sheet, 0), SurfacePlan::new(&clay, &sheet, asked)] {
+    for frozen in [planned(&sheet, 0), SurfacePlan::new(&sheet, asked)] {
         assert!(!frozen.passes.position_gradients && !frozen.passes.antialias);
     }
-    let passes = planned(&clay, &sheet, 100).passes;
+    let passes = planned(&sheet, 100).passes;
     assert!(passes.position_gradients && passes.antialias);
 }
 
 #[test]
 fn flat_normals_and_constant_maps_are_skipped() {
-    let clay = scene(Material::clay());
     let sheet = candidate(AlphaMode::Opaque, |_, _| {});
-    let flat = planned(&clay, &sheet, 0).passes;
+    let flat = planned(&sheet, 0).passes;
     assert!(!flat.normal_map && !flat.map_gradients);
-    assert!(
-        planned(&clay, &sheet, 100).passes.normal_map,
-        "a shape that moves does not keep its normals flat"
-    );
+    assert!(planned(&sheet, 100).passes.normal_map, "a shape that moves does not keep its normals flat");
     let paint = |i: usize, t: &mut [f32; CHANNELS]| t[channel::NORMAL] = 0.1 * (i % 2) as f32;
-    let bent = planned(&clay, &candidate(AlphaMode::Opaque, paint), 100);
+    let bent = planned(&candidate(AlphaMode::Opaque, paint), 100);
     assert!(bent.passes.normal_map && bent.passes.map_gradients);
     assert!(bent.fitted[channel::NORMAL + 2] && !bent.fitted[0]);
 }
 
 #[test]
 fn what_coarse_mip_levels_fit_beyond_the_base_is_told() {
-    let clay = scene(Material::clay());
     let mut sheet = candidate(AlphaMode::Opaque, |_, _| {});
     for free in [false, true] {
         if free {
             sheet.free_mips();
         }
-        let plan = planned(&clay, &sheet, 100);
+        let plan = planned(&sheet, 100);
         let surface = Surface::new(sheet.clone(), &plan);
         let told = rows::surface(&surface.work(100));
         assert_eq!(rows::surface(&plan.work(100)), told, "free: {free}");
@@ -109,5 +107,5 @@ fn what_coarse_mip_levels_fit_beyond_the_base_is_told() {
         let maps = &row("map gradients").why;
         assert!(maps.contains("3 of 16") && maps.contains("4 in coarse mip levels") == free, "{maps}");
     }
-    assert!(rows::free_mips([16, 64]).why.contains("coarse ones at 5 times the rate"));
+    assert!(rows::free_mips([16, 64], true).why.contains("coarse ones at 5 times the rate"));
 }

@@ -4,7 +4,7 @@ use super::*;
 use crate::engine::cpu::{Chain, Cpu};
 use crate::engine::reference::{ReferenceKind, ReferencePicture};
 use crate::engine::views::{Lighting, Moment, Orbit, Setup, Shot, Sphere};
-use crate::{Silent, bake};
+use crate::Silent;
 use photofit_image::Image;
 use photofit_optim::{Optimizer, Temporal};
 use photofit_raster::loss::Loss;
@@ -33,10 +33,6 @@ impl Reference for Greys {
 
     fn bounds(&self, _: Moment) -> Sphere {
         Sphere::UNIT
-    }
-
-    fn surface(&self, _: Moment) -> Option<&bake::ReferenceSurface<'_>> {
-        None
     }
 }
 

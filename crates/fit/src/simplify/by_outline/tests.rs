@@ -91,7 +91,7 @@ fn the_plan_tells_whether_outlines_count_and_why() {
     assert!(runs != Runs::Open && why.contains("of the squared error"), "{why}");
     let (runs, why) = row(&options().with_effort(Effort::Fast));
     assert!(runs == Runs::No && why.contains("fast"), "{why}");
-    let (runs, why) = row(&SimplifyOptions { init: Init::Sphere, ..options() });
+    let (runs, why) = row(&SimplifyOptions { init: crate::simplify::Init::Sphere, ..options() });
     assert!(runs == Runs::No && why.contains("sphere"), "{why}");
     assert_eq!(planned(&options()).runs, Runs::Open, "before a picture is drawn");
 }

@@ -3,7 +3,7 @@
 
 /// Bytes and loss of a way to store an image.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Way {
+pub(super) struct Variant {
     pub(super) bytes: u64,
     pub(super) loss: f64,
 }
@@ -12,7 +12,7 @@ pub(super) struct Way {
 const PARTS: u64 = 4096;
 
 /// The index of each image's way, or none if even the smallest do not fit.
-pub(super) fn least_loss(images: &[Vec<Way>], most: u64) -> Option<Vec<usize>> {
+pub(super) fn least_loss(images: &[Vec<Variant>], most: u64) -> Option<Vec<usize>> {
     let part = most.div_ceil(PARTS).max(1);
     let room = (most / part) as usize;
     // The least loss of the images so far within so many parts, and how the last one of them is stored.
@@ -49,9 +49,9 @@ mod tests {
     use super::*;
 
     /// All combinations, one after the other.
-    fn brute_force(images: &[Vec<Way>], most: u64) -> Option<f64> {
+    fn brute_force(images: &[Vec<Variant>], most: u64) -> Option<f64> {
         let Some((first, rest)) = images.split_first() else { return Some(0.0) };
-        let with = |w: &Way| Some(w.loss + brute_force(rest, most.checked_sub(w.bytes)?)?);
+        let with = |w: &Variant| Some(w.loss + brute_force(rest, most.checked_sub(w.bytes)?)?);
         first.iter().filter_map(with).min_by(f64::total_cmp)
     }
 
@@ -64,9 +64,9 @@ mod tests {
         };
         let mut none = 0;
         for _ in 0..200 {
-            let images: Vec<Vec<Way>> = (0..1 + random(4))
+            let images: Vec<Vec<Variant>> = (0..1 + random(4))
                 .map(|_| {
-                    let way = |b: u64| Way { bytes: 1 + b % 900, loss: (b / 900 % 1000) as f64 };
+                    let way = |b: u64| Variant { bytes: 1 + b % 900, loss: (b / 900 % 1000) as f64 };
                     (0..1 + random(6)).map(|_| way(random(1 << 30))).collect()
                 })
                 .collect();
@@ -86,7 +86,7 @@ mod tests {
 
     #[test]
     fn rounding_loses_little_and_never_overflows() {
-        let way = |bytes, loss| Way { bytes, loss };
+        let way = |bytes, loss| Variant { bytes, loss };
         let images =
             vec![vec![way(900_001, 0.0), way(500_000, 3.0)], vec![way(99_000, 1.0), way(u64::MAX, 0.0)]];
         assert_eq!(least_loss(&images, 1_000_000), Some(vec![0, 0]));

@@ -140,6 +140,9 @@ fn triangles_follow_from_bytes_and_whole_assets_are_not_fitted() {
     let (outcome, bytes) = made(whole + 100);
     assert_eq!((outcome.triangles_out, outcome.steps, bytes <= whole + 100), (all, 0, true));
     assert!(outcome.shipped().unwrap().psnr > 45.0, "{:?}", outcome.stages);
+    assert_eq!(outcome.written, Written::Whole);
+    let verdict = crate::report::Verdict::of(&outcome).to_string();
+    assert!(verdict.contains("the asset as it was given") && !verdict.contains("no fit"), "{verdict}");
     let (outcome, bytes) = made(whole * 9 / 10);
     assert!(outcome.steps == 2 && bytes <= whole, "{} steps, {bytes} bytes of {whole}", outcome.steps);
     assert!((all / 4..all).contains(&outcome.triangles_out), "{} of {all}", outcome.triangles_out);

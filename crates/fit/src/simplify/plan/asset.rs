@@ -5,12 +5,12 @@ use crate::engine::classes::transmits;
 use crate::engine::judge::visible_materials;
 use crate::engine::plan::rows::{self, NO_STEPS};
 use crate::engine::plan::{Item, Runs};
-use photofit_scene::{AlphaMode, Material, Scene, TextureSlot};
+use photofit_scene::{AlphaMode, Extensions, Material, Scene, TextureSlot};
 use std::collections::BTreeSet;
 
 /// What a light asset has of the asset's surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Dress {
+pub(super) enum LightSurface {
     /// Its own texture coordinates, materials and textures.
     Own,
     /// New maps.
@@ -31,7 +31,8 @@ pub(super) struct Asset {
     transmitting: usize,
     /// Cut out, blended or transmitting.
     through: usize,
-    normal_mapped: usize,
+    /// With directions of their own: a normal map, of a coat too, or anisotropy.
+    directed: usize,
     metallic: usize,
     emitting: usize,
     unlit: usize,
@@ -75,7 +76,7 @@ impl Asset {
             blended: count(&|m| m.alpha_mode == AlphaMode::Blend),
             transmitting: count(&|m| transmits(m)),
             through: count(&|m| m.alpha_mode != AlphaMode::Opaque || transmits(m)),
-            normal_mapped: count(&|m| m.normal_texture.is_some() && !m.unlit),
+            directed: count(&|m| has_directions(m)),
             metallic: count(&|m| m.metallic > 0.0 && !m.unlit),
             emitting: count(&|m| !m.unlit && m.emissive.iter().any(|e| *e > 0.0)),
             unlit: count(&|m| m.unlit),
@@ -92,31 +93,34 @@ impl Asset {
 
     /// What the asset alone says of what a fit of so many steps does with a surface.
     pub(super) fn surface_items(&self, steps: Option<u64>, items: &mut Vec<Item>) {
-        let still = steps == Some(0);
         let mut item = |what, runs, why: String| items.push(Item { what, runs, why });
-        self.alpha_items(still, &mut item);
+        self.alpha_items(steps, &mut item);
         let (runs, why) = match steps {
             None => (Runs::Open, "where the fit makes steps"),
             Some(0) => (Runs::No, NO_STEPS),
             Some(_) => (Runs::Yes, "the shape is fitted"),
         };
         item("position gradients", runs, why.into());
-        item("normal map", Runs::Open, "decided on the baked maps: flat ones are left out".into());
+        let (runs, why) = match steps {
+            None | Some(0) => (Runs::Open, "decided on the baked maps: flat ones are left out"),
+            Some(_) => (Runs::Yes, "on a shape that moves, flat normals do not stay flat"),
+        };
+        item("normal map", runs, why.into());
         let (runs, why) = match self.metallic {
             0 => (Runs::No, "no material is metallic".into()),
-            _ if still => (Runs::No, NO_STEPS.into()),
+            _ if steps == Some(0) => (Runs::No, NO_STEPS.into()),
             n => (Runs::Open, self.of(n, "may be metallic: decided on the baked maps")),
         };
         item("metalness gradients", runs, why);
         let (runs, why) = match self.emitting + self.unlit {
             0 => (Runs::No, "nothing emits".into()),
-            n => (Runs::Yes, self.of(n, "emit or are unlit")),
+            n => (Runs::Open, self.of(n, "may emit or are unlit: decided on the baked maps")),
         };
         item("emission", runs, why);
     }
 
     /// Which surfaces light passes.
-    fn alpha_items(&self, still: bool, item: &mut dyn FnMut(&'static str, Runs, String)) {
+    fn alpha_items(&self, steps: Option<u64>, item: &mut dyn FnMut(&'static str, Runs, String)) {
         let why = match self.through {
             0 => rows::opaque(),
             n => self.of(n, "are cut out, blended or let light pass"),
@@ -125,16 +129,17 @@ impl Asset {
         let fades = "masks fade in the steps, so that their outline is fitted";
         let why = match (self.masked, self.blended) {
             (0, 0) => "nothing is cut out or blended".into(),
-            _ if still => NO_STEPS.into(),
-            (_, 0) if self.transmitting > 0 => {
-                "what lets light pass is drawn blended, and its alpha is not fitted".into()
-            }
+            _ if steps == Some(0) => NO_STEPS.into(),
             (0, n) => self.of(n, "are blended"),
             (n, 0) => self.of(n, &format!("are cut out: {fades}")),
             (m, n) => self.of(m + n, &format!("are cut out or blended: {fades}")),
         };
-        let runs = !still && self.masked + self.blended > 0 && (self.blended > 0 || self.transmitting == 0);
-        item("alpha gradients", runs.into(), why);
+        let runs = match (self.masked + self.blended, steps) {
+            (0, _) | (_, Some(0)) => Runs::No,
+            (_, None) => Runs::Open,
+            (_, Some(_)) => Runs::Yes,
+        };
+        item("alpha gradients", runs, why);
     }
 
     fn of(&self, n: usize, what: &str) -> String {
@@ -142,17 +147,21 @@ impl Asset {
     }
 
     /// What is read of the asset's data, and what becomes of it.
-    pub(super) fn data_items(&self, occlusion: Occlusion, dress: Dress, items: &mut Vec<Item>) {
+    pub(super) fn data_items(&self, occlusion: Occlusion, surface: LightSurface, items: &mut Vec<Item>) {
         let mut item = |what, runs: bool, why: String| items.push(Item { what, runs: runs.into(), why });
         let some = |n: usize, what: &str, none: &str| if n > 0 { self.of(n, what) } else { none.to_owned() };
         item("unlit surfaces", self.unlit > 0, self.of(self.unlit, "show their base colour as it is"));
-        let why = some(self.normal_mapped, "have a normal map", "no material has a normal map");
-        item("reference tangents", self.normal_mapped > 0, why);
-        let why = match (self.vertex_colors, dress) {
+        let why = some(
+            self.directed,
+            "have a normal map, of their coat too, or are anisotropic",
+            "no material has a normal map or is anisotropic",
+        );
+        item("reference tangents", self.directed > 0, why);
+        let why = match (self.vertex_colors, surface) {
             (false, _) => "none",
-            (true, Dress::Own) => "read, and kept",
-            (true, Dress::New | Dress::Colors) => "read, and baked into the base colour",
-            (true, Dress::Open) => "read; where maps are new, baked into the base colour",
+            (true, LightSurface::Own) => "read, and kept",
+            (true, LightSurface::New | LightSurface::Colors) => "read, and baked into the base colour",
+            (true, LightSurface::Open) => "read; where maps are new, baked into the base colour",
         };
         item(
             "animation",
@@ -169,11 +178,11 @@ impl Asset {
         for ((what, set), there) in sets.into_iter().zip(self.uvs) {
             let read = read().any(|s| s.set == set);
             let why = match (there, read) {
-                (true, true) => match dress {
-                    Dress::Own => "read by textures, and kept",
-                    Dress::New => "read by textures; an atlas has new ones",
-                    Dress::Colors => "read by textures; colours of vertices need none",
-                    Dress::Open => "read by textures; where maps are new, an atlas has new ones",
+                (true, true) => match surface {
+                    LightSurface::Own => "read by textures, and kept",
+                    LightSurface::New => "read by textures; an atlas has new ones",
+                    LightSurface::Colors => "read by textures; colours of vertices need none",
+                    LightSurface::Open => "read by textures; where maps are new, an atlas has new ones",
                 },
                 (true, false) => "no texture reads them",
                 (false, true) => "missing though a texture reads them: the texel at (0, 0) is shown",
@@ -190,9 +199,12 @@ impl Asset {
         item("textures", !images.is_empty(), why);
         let why = "have one: carried over, not drawn here, since they darken indirect light alone";
         let (runs, why) = match occlusion {
+            Occlusion::Maps if surface == LightSurface::Colors => {
+                (false, some(self.occluded, "have one: left out, colours of vertices hold none", "none"))
+            }
             Occlusion::Maps => (self.occluded > 0, some(self.occluded, why, "none")),
             Occlusion::Rays(r) => (true, format!("baked by {} rays a texel, not drawn here", r.rays)),
-            Occlusion::Open => (false, "none, as asked".to_owned()),
+            Occlusion::None => (false, "none, as asked".to_owned()),
         };
         item("occlusion textures", runs, why);
         let why = some(
@@ -202,15 +214,24 @@ impl Asset {
         );
         item("transmission", self.transmitting > 0, why);
         let none = "no material encloses one";
+        let thickness = match surface {
+            LightSurface::Own => " as it is",
+            LightSurface::New | LightSurface::Colors => ", a textured thickness as its mean",
+            LightSurface::Open => ", where maps are new a textured thickness as its mean",
+        };
         item(
             "volumes",
             false,
-            some(self.volumes, "enclose one: kept as it is, not drawn while fitting", none),
+            some(self.volumes, &format!("enclose one: kept{thickness}, not drawn while fitting"), none),
         );
-        let how = match dress {
-            Dress::Own => "kept as they are; not drawn by the rasterizer",
-            Dress::New | Dress::Colors => "kept, their textures as mean values; not drawn while fitting",
-            Dress::Open => "kept; where maps are new, their textures as mean values; not drawn while fitting",
+        let how = match surface {
+            LightSurface::Own => "kept as they are; not drawn by the rasterizer",
+            LightSurface::New | LightSurface::Colors => {
+                "kept, their textures as mean values; not drawn while fitting"
+            }
+            LightSurface::Open => {
+                "kept; where maps are new, their textures as mean values; not drawn while fitting"
+            }
         };
         let why = match &self.extensions[..] {
             [] => "none".into(),
@@ -218,6 +239,13 @@ impl Asset {
         };
         item("material extensions", false, why);
     }
+}
+
+/// Whether a surface has directions of its own: it has a normal map, of its clear coat too, or is anisotropic.
+fn has_directions(m: &Material) -> bool {
+    let coat = |e: &Extensions| e.clearcoat.as_ref().is_some_and(|c| c.normal_texture.is_some());
+    let added = m.extensions.as_deref().is_some_and(|e| e.anisotropy.is_some() || coat(e));
+    !m.unlit && (m.normal_texture.is_some() || added)
 }
 
 /// Extensions of a material, without their prefix.

@@ -1,7 +1,7 @@
 //! What plans say, against assets and options that make each line true or false.
 
 use super::*;
-use crate::candidate::Candidate;
+use crate::candidate::{Candidate, SurfaceClass};
 use crate::engine::plan::tests::{candidate, planned, scene};
 use crate::engine::surface::Surface;
 use crate::simplify::{FitRenderer, JudgeRenderer, ReferenceRenderer, SimplifyOptions};
@@ -10,8 +10,8 @@ use photofit_raster::deferred::Passes;
 use photofit_raster::loss::Loss;
 use photofit_raster::{CHANNELS, channel};
 use photofit_scene::{
-    AlphaMode, Extensions, Instance, Material, Primitive, Sampler, Sheen, TextureImage, TextureSlot,
-    Transmission, Volume,
+    AlphaMode, Anisotropy, Clearcoat, Extensions, Instance, Material, Primitive, Sampler, Sheen,
+    TextureImage, TextureSlot, Transmission, Volume,
 };
 use std::collections::BTreeSet;
 
@@ -25,7 +25,7 @@ fn fit(scene: &Scene, candidate: &Candidate) -> FitPlan {
 
 fn fit_of(scene: &Scene, candidate: &Candidate, steps: u64) -> FitPlan {
     let plan = FitPlan::new(scene).with_options(steps, ReferenceKind::RASTERIZED, &Lighting::Mixed);
-    plan.with_maps(planned(scene, candidate, steps))
+    plan.with_maps(planned(candidate, steps))
 }
 
 /// One line of a plan and what makes it so.
@@ -96,7 +96,66 @@ fn flat_normals_and_constant_maps_are_skipped() {
     assert_eq!((runs(&flat, "normal map"), runs(&flat, "map gradients")), (Runs::No, Runs::No));
     let bent = fit(&clay, &candidate(AlphaMode::Opaque, |i, t| t[channel::NORMAL] = 0.1 * (i % 2) as f32));
     assert_eq!(runs(&bent, "normal map"), Runs::Yes);
+    let asked = |steps| FitPlan::new(&clay).with_options(steps, ReferenceKind::RASTERIZED, &Lighting::Mixed);
     assert_eq!(runs(&FitPlan::new(&clay), "normal map"), Runs::Open);
+    assert_eq!([0, 9].map(|steps| runs(&asked(steps), "normal map")), [Runs::Open, Runs::Yes]);
+}
+
+#[test]
+fn a_factor_alone_says_nothing_of_what_is_emitted() {
+    let glow = scene(Material { emissive: [1.0, 0.0, 0.0], ..Material::clay() });
+    let plan = FitPlan::new(&glow).with_options(10, ReferenceKind::RASTERIZED, &Lighting::Mixed);
+    assert_eq!(runs(&plan, "emission"), Runs::Open);
+    // Its texture is black.
+    let black = candidate(AlphaMode::Opaque, |_, t| t[channel::EMISSIVE..channel::USED].fill(0.0));
+    assert_eq!(runs(&fit(&glow, &black), "emission"), Runs::No);
+}
+
+#[test]
+fn blended_surfaces_beside_glass_are_fitted() {
+    let of = |extensions, alpha_mode| Material { extensions, alpha_mode, ..Material::clay() };
+    let transmission = Some(Transmission { factor: 1.0, texture: None });
+    let glass = Some(Box::new(Extensions { transmission, ..Extensions::default() }));
+    for beside in [AlphaMode::Blend, AlphaMode::Mask { cutoff: 0.5 }, AlphaMode::Opaque] {
+        let mut s = scene(of(glass.clone(), AlphaMode::Opaque));
+        s.materials.push(of(None, beside));
+        s.primitives.push(Primitive { mesh: shapes::cube(), material: 1 });
+        s.instances.push(Instance { primitive: 1, transform: glam::Affine3A::IDENTITY });
+        let mut sheet = candidate(AlphaMode::Blend, |_, _| {});
+        sheet.classes[0].see_through = true;
+        sheet.classes.push(SurfaceClass { alpha: beside, ..SurfaceClass::default() });
+        sheet.class[0] = 1;
+        let before = FitPlan::new(&s).with_options(10, ReferenceKind::RASTERIZED, &Lighting::Mixed);
+        let expected = Runs::from(beside != AlphaMode::Opaque);
+        assert_eq!(runs(&before, "alpha gradients"), expected, "{beside:?}");
+        assert_eq!(runs(&fit(&s, &sheet), "alpha gradients"), expected, "{beside:?}");
+    }
+}
+
+#[test]
+fn without_steps_nothing_is_fitted_by_a_loss() {
+    let clay = scene(Material::clay());
+    for steps in [0, 10] {
+        let plan = fit_of(&clay, &candidate(AlphaMode::Opaque, |_, _| {}), steps);
+        let plan = plan.with_loss(Loss::LogSrgbL1.into(), Some(0.0)).with_mips(Some([16, 64]));
+        for what in ["logarithmic loss", "free mip levels"] {
+            assert_eq!(runs(&plan, what), Runs::from(steps > 0), "{what}, {steps} steps");
+        }
+        let stopped = plan.with_result(Written::Baked, 0, None);
+        assert_eq!(runs(&stopped, "logarithmic loss"), Runs::No, "no step was made");
+    }
+}
+
+#[test]
+fn unseen_triangles_that_stay_are_told() {
+    let plan = FitPlan::new(&scene(Material::clay()));
+    let told = |unseen| {
+        let rows = plan.clone().with_unseen(Some(unseen)).items();
+        let row = rows.into_iter().find(|i| i.what == "unseen triangles").expect("a row");
+        (row.runs, row.why)
+    };
+    assert_eq!(told([0, 4, 12]), (Runs::Yes, "4 of 12: none is left out of the decimation".into()));
+    assert_eq!(told([0, 0, 12]).0, Runs::No);
 }
 
 #[test]
@@ -143,11 +202,19 @@ fn where_occlusion_comes_from_is_told() {
     let clay = FitPlan::new(&scene(Material::clay()));
     let rays = OcclusionRays { rays: 77, ..OcclusionRays::default() };
     for (occlusion, expected) in
-        [(Occlusion::Maps, Runs::No), (Occlusion::Open, Runs::No), (Occlusion::Rays(rays), Runs::Yes)]
+        [(Occlusion::Maps, Runs::No), (Occlusion::None, Runs::No), (Occlusion::Rays(rays), Runs::Yes)]
     {
         let plan = clay.clone().with_occlusion(occlusion);
         assert_eq!(runs(&plan, "occlusion textures"), expected, "{occlusion:?}");
         assert_eq!(plan.to_string().contains("77 rays a texel"), expected == Runs::Yes, "{plan}");
+    }
+    let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    let slot = TextureSlot { image: 0, sampler: Sampler::default(), tex_coord: 0, transform };
+    let occluded = scene(Material { occlusion_texture: Some(slot), ..Material::clay() });
+    for (surfacing, expected) in [(Surfacing::Maps, Runs::Yes), (Surfacing::VertexColors, Runs::No)] {
+        let plan = FitPlan::new(&occluded).with_surfacing(surfacing);
+        assert_eq!(runs(&plan, "occlusion textures"), expected, "{surfacing:?}");
+        assert_eq!(plan.to_string().contains("have one: left out"), expected == Runs::No, "{plan}");
     }
 }
 
@@ -168,16 +235,29 @@ fn textures_of_occlusion_and_extensions_are_read() {
     let occluded = || Material { occlusion_texture: slot(1), ..Material::clay() };
     assert_eq!(told(occluded(), Occlusion::Maps), [Runs::No, Runs::Yes, Runs::Yes]);
     assert_eq!(
-        told(occluded(), Occlusion::Open),
+        told(occluded(), Occlusion::None),
         [Runs::No; 3],
         "where its maps are left out, nothing reads them"
     );
     let sheen = Sheen { color: [1.0; 3], color_texture: slot(1), ..Sheen::default() };
     let extensions = Extensions { sheen: Some(sheen), ..Extensions::default() };
     let velvet = Material { extensions: Some(Box::new(extensions)), ..Material::clay() };
-    assert_eq!(told(velvet.clone(), Occlusion::Open), [Runs::No, Runs::Yes, Runs::Yes]);
+    assert_eq!(told(velvet.clone(), Occlusion::None), [Runs::No, Runs::Yes, Runs::Yes]);
     let unlit = Material { unlit: true, ..velvet };
     assert_eq!(told(unlit, Occlusion::Maps), [Runs::No; 3], "unlit surfaces have no sheen");
+}
+
+#[test]
+fn whatever_has_directions_needs_tangents() {
+    let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    let slot = Some(TextureSlot { image: 0, sampler: Sampler::default(), tex_coord: 0, transform });
+    let with = |extensions| Material { extensions: Some(Box::new(extensions)), ..Material::clay() };
+    let coat = Clearcoat { factor: 1.0, normal_texture: slot, ..Clearcoat::default() };
+    let coated = with(Extensions { clearcoat: Some(coat), ..Extensions::default() });
+    let brushed = with(Extensions { anisotropy: Some(Anisotropy::default()), ..Extensions::default() });
+    let told = |material| runs(&FitPlan::new(&scene(material)), "reference tangents");
+    assert_eq!([coated, brushed].map(told), [Runs::Yes; 2]);
+    assert_eq!(told(Material::clay()), Runs::No);
 }
 
 #[test]
@@ -212,7 +292,7 @@ fn a_plan_tells_the_rows_of_the_surface_that_is_fitted() {
     let sheet = candidate(AlphaMode::Blend, |i, t| t[channel::ALPHA] = 0.1 * (i % 3) as f32);
     for steps in [0, 10] {
         let plan = fit_of(&blend, &sheet, steps);
-        let surface = Surface::new(sheet.clone(), &planned(&blend, &sheet, steps));
+        let surface = Surface::new(sheet.clone(), &planned(&sheet, steps));
         let told = rows::surface(&surface.moving(steps > 0).work(steps));
         assert_eq!(plan.items()[..told.len()], told, "{steps} steps");
         let names: BTreeSet<&str> = plan.items().iter().map(|i| i.what).collect();
@@ -237,7 +317,10 @@ fn masks_alone_are_said_to_fade() {
             s.primitives.push(Primitive { mesh: shapes::cube(), material: k });
             s.instances.push(Instance { primitive: k, transform: glam::Affine3A::IDENTITY });
         }
-        let row = FitPlan::new(&s).items().into_iter().find(|i| i.what == "alpha gradients").unwrap();
+        let inspected = FitPlan::new(&s);
+        assert_eq!(runs(&inspected, "alpha gradients"), Runs::Open, "where steps are made");
+        let plan = inspected.with_options(10, ReferenceKind::RASTERIZED, &Lighting::Mixed);
+        let row = plan.items().into_iter().find(|i| i.what == "alpha gradients").unwrap();
         assert_eq!(row.runs, Runs::Yes);
         row.why
     };
@@ -260,13 +343,13 @@ fn light_of_the_fit_through_the_path_tracer_is_told() {
 #[test]
 fn what_can_be_counted_is_told_as_saved() {
     let clay = scene(Material::clay());
-    let plan = fit(&clay, &candidate(AlphaMode::Opaque, |_, _| {})).with_unseen(Some([3, 12]));
+    let plan = fit(&clay, &candidate(AlphaMode::Opaque, |_, _| {})).with_unseen(Some([3, 5, 12]));
     let options = SimplifyOptions { report_views: 2, judge_spp: 5, ..Default::default() };
     let plan = plan.with_judgement(options.judgement(&clay));
     let text = plan.with_result(Written::Fitted, 40, None).to_string();
     let most = Passes::default().max_layers;
     for part in [
-        "unseen triangles       3 of 12",
+        "skip unseen triangles       3 of 12: left out of the decimation, of 5 that nobody sees",
         "steps                  40 of at most 100",
         &format!("one layer of {most}"),
         "3 of 16 samples of a texel",
@@ -301,6 +384,7 @@ fn what_was_written_is_what_the_plan_tells() {
         (told(Written::Fitted, 9), new, own),
         (told(Written::Baked, 9), new, own),
         (told(Written::Decimated, 9), own, new),
+        (told(Written::Whole, 9), own, new),
     ] {
         assert!(has.iter().all(|part| text.contains(part)), "{text}");
         assert!(!has_not.iter().any(|part| text.contains(part)), "{text}");
@@ -329,7 +413,6 @@ fn the_plan_says_what_the_judge_does() {
     let mut seen = BTreeSet::new();
     for scene in [scene(Material::clay()), scene(velvet)] {
         let n = crate::engine::Normalised::new(&scene).unwrap();
-        let rays = n.surface().unwrap();
         for (judge, reference, fit_with) in [
             (JudgeRenderer::Auto, ReferenceRenderer::Raster, FitRenderer::Raster),
             (JudgeRenderer::Auto, ReferenceRenderer::Path, FitRenderer::Raster),
@@ -339,7 +422,7 @@ fn the_plan_says_what_the_judge_does() {
         ] {
             let options = SimplifyOptions { judge, reference, fit_with, ..SimplifyOptions::default() };
             let told = options.judgement(&scene);
-            let reference = options.rasterized_against().reference(&scene, &n, &rays, &options).unwrap();
+            let reference = options.rasterized_against().reference(&scene, &n, &options).unwrap();
             let stages = [crate::engine::judge::Stage::new("light", scene.clone())];
             let judged = options.judge_of(&scene, &n, &*reference).method(&stages);
             assert_eq!(told.judged, judged, "{told:?}");
