@@ -1,10 +1,10 @@
 //! The loop, run on a model of one picture whose pixels are the parameters.
 
 use super::*;
+use crate::Silent;
 use crate::engine::cpu::{Chain, Cpu};
 use crate::engine::reference::{ReferenceKind, ReferencePicture};
 use crate::engine::views::{Lighting, Moment, Orbit, Setup, Shot, Sphere};
-use crate::Silent;
 use photofit_image::Image;
 use photofit_optim::{Optimizer, Temporal};
 use photofit_raster::loss::Loss;

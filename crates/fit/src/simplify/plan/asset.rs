@@ -5,7 +5,7 @@ use crate::engine::classes::transmits;
 use crate::engine::judge::visible_materials;
 use crate::engine::plan::rows::{self, NO_STEPS};
 use crate::engine::plan::{Item, Runs};
-use photofit_scene::{AlphaMode, Extensions, Material, Scene, TextureSlot};
+use photofit_scene::{AlphaMode, Material, Scene, TextureSlot};
 use std::collections::BTreeSet;
 
 /// What a light asset has of the asset's surface.
@@ -76,7 +76,7 @@ impl Asset {
             blended: count(&|m| m.alpha_mode == AlphaMode::Blend),
             transmitting: count(&|m| transmits(m)),
             through: count(&|m| m.alpha_mode != AlphaMode::Opaque || transmits(m)),
-            directed: count(&|m| has_directions(m)),
+            directed: count(&Material::needs_tangents),
             metallic: count(&|m| m.metallic > 0.0 && !m.unlit),
             emitting: count(&|m| !m.unlit && m.emissive.iter().any(|e| *e > 0.0)),
             unlit: count(&|m| m.unlit),
@@ -239,13 +239,6 @@ impl Asset {
         };
         item("material extensions", false, why);
     }
-}
-
-/// Whether a surface has directions of its own: it has a normal map, of its clear coat too, or is anisotropic.
-fn has_directions(m: &Material) -> bool {
-    let coat = |e: &Extensions| e.clearcoat.as_ref().is_some_and(|c| c.normal_texture.is_some());
-    let added = m.extensions.as_deref().is_some_and(|e| e.anisotropy.is_some() || coat(e));
-    !m.unlit && (m.normal_texture.is_some() || added)
 }
 
 /// Extensions of a material, without their prefix.
