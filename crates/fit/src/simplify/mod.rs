@@ -37,13 +37,11 @@ pub use crate::engine::trainer::HistoryPoint;
 pub use effort::Effort;
 pub use init::Init;
 pub use mips::Mips;
-pub use options::{
-    FEWEST, FitRenderer, LARGEST_ENGINE_PICTURE, MILD, MOST_REPLAYS, SimplifyOptions, Surfacing,
-};
+pub use options::{FEWEST, LARGEST_ENGINE_PICTURE, MILD, MOST_REPLAYS, SimplifyOptions, Surfacing};
 pub use outcome::{Outcome, Written, too_large_path};
 pub use plan::{FitPlan, Judgement};
 pub use reference::ReferenceRenderer;
-pub use through_path::TRACED_FOLDER;
+pub use through_path::{FitRenderer, TRACED_FOLDER};
 
 use crate::bake;
 use crate::candidate::Candidate;

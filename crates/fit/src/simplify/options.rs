@@ -1,6 +1,6 @@
 //! What the user chooses.
 
-use super::through_path::TracedMaps;
+use super::through_path::{FitRenderer, TracedMaps};
 use super::{
     Effort, FitPlan, Init, Judgement, Mips, Normalised, ReferenceRenderer, by_outline, byte_budget, locks,
     mips,
@@ -20,17 +20,6 @@ use photofit_geometry::decimate::Target;
 use photofit_scene::{Compression, Scene, TextureEncoding};
 use std::path::PathBuf;
 use std::time::Duration;
-
-/// What draws the light asset while its maps are fitted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum FitRenderer {
-    /// The rasterizer: shadows of path traced pictures of the reference go into the maps.
-    #[default]
-    Raster,
-    /// Shape and maps by the rasterizer, without shadows on either side, then the maps by the path tracer against path
-    /// traced pictures ([`crate::traced_maps`]): what the light shape casts itself stays out of them.
-    Path,
-}
 
 /// What the light asset has in place of the asset's surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! The second fit of a simplification whose maps are fitted through the path tracer.
 
-use super::{Asset, FitRenderer, SimplifyOptions, Written};
+use super::{Asset, SimplifyOptions, Written};
 use crate::Progress;
 use crate::engine::chain::fit_after_another;
 use crate::engine::checkpoint;
@@ -10,6 +10,17 @@ use crate::engine::trainer::Keeping;
 use crate::traced_maps::{MapsCourse, TracedMapsOptions, traced_maps};
 use photofit_scene::Scene;
 use std::time::Duration;
+
+/// What draws the light asset while its maps are fitted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FitRenderer {
+    /// The rasterizer: shadows of path traced pictures of the reference go into the maps.
+    #[default]
+    Raster,
+    /// Shape and maps by the rasterizer, without shadows on either side, then the maps by the path tracer against path
+    /// traced pictures ([`crate::traced_maps`]): what the light shape casts itself stays out of them.
+    Path,
+}
 
 /// Folder of its checkpoint in that of the fit by the rasterizer.
 pub const TRACED_FOLDER: &str = "traced-maps";
