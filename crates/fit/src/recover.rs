@@ -282,6 +282,7 @@ pub(crate) fn left_out(mesh: &Scene, written: &Scene) -> Vec<String> {
         hierarchy: mesh.hierarchy.clone(),
         ignored_extensions: mesh.ignored_extensions.clone(),
         ignored_extras: mesh.ignored_extras,
+        ignored_attributes: mesh.ignored_attributes.clone(),
         ..Scene::default()
     };
     without_surfaces.left_out(written)

@@ -392,12 +392,12 @@ impl Material {
         core.into_iter().flatten().chain(more)
     }
 
-    /// Whether it reads data from this image: what is not decoded from sRGB.
-    pub(crate) fn reads_data(&self, image: usize) -> bool {
+    /// Images that it reads data from: what is not decoded from sRGB.
+    pub(crate) fn data(&self) -> impl Iterator<Item = usize> + '_ {
         let core = [&self.metallic_roughness_texture, &self.normal_texture, &self.occlusion_texture];
         let more = self.extensions.iter().flat_map(|e| e.textures());
         let more = more.filter(|(name, _)| !name.ends_with("colour")).map(|(_, slot)| slot);
-        core.into_iter().flatten().chain(more).any(|slot| slot.image == image)
+        core.into_iter().flatten().chain(more).map(|slot| slot.image)
     }
 
     /// The same, to be changed.

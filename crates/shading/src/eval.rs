@@ -156,7 +156,7 @@ fn single_vjp<T: Real>(
 }
 
 /// [`eval_lobes_vjp`] by single scattering without a branch, for many points side by side: where no light arrives, or it
-/// cannot be told because a direction is not a number, value and gradients are zero.
+/// cannot be told because the normal's cosine is not a number, value and gradients are zero.
 #[inline(always)]
 pub(crate) fn eval_single_vjp<T: Real>(
     lobes: &Lobes<T>,

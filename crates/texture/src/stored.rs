@@ -134,6 +134,17 @@ impl MipTexture {
         (0..level.width as usize * level.height as usize).map(|i| self.texel(i)).collect()
     }
 
+    /// The mean of the coarsest level in linear light.
+    pub fn mean(&self) -> [f64; 4] {
+        let last = self.layout.levels()[self.layout.levels().len() - 1];
+        let count = last.width as usize * last.height as usize;
+        let mut sum = [0.0; 4];
+        for i in self.layout.texels() - count..self.layout.texels() {
+            sum.iter_mut().zip(self.texel(i)).for_each(|(s, v)| *s += f64::from(v));
+        }
+        sum.map(|s| s / count as f64)
+    }
+
     /// A texel in linear light.
     fn texel(&self, i: usize) -> [f32; 4] {
         match &self.texels {

@@ -2,7 +2,7 @@
 
 use super::*;
 use photofit_gradcheck::{Uniform, check};
-use photofit_scalar::vec2;
+use photofit_scalar::{Real, vec2};
 
 fn sampler(wrap: Wrap, filter: Filter) -> Sampler {
     Sampler { wrap_u: wrap, wrap_v: wrap, filter }
@@ -282,4 +282,19 @@ fn footprints_that_are_no_numbers_have_the_base_level() {
     let far = [vec2(f32::INFINITY, 0.0), vec2(0.0, 0.0)];
     assert!([0.0, 6.0].contains(&level_of_detail(&far, 64, 64, 0.0, 6).level), "inside of the chain");
     assert_eq!(level_of_detail(&[vec2(1e9_f32, 0.0), vec2(0.0, 1e9)], 64, 64, 0.0, 6).level, 6.0);
+}
+
+/// What each mode shows of an alpha.
+fn coverages<T: Real + std::fmt::Debug>() {
+    let alphas = [-0.1, 0.0, 0.25, 0.5, 1.0, 1.1, f64::NAN].map(T::of);
+    let shown = |mode: AlphaMode| alphas.map(|a| mode.coverage(a));
+    assert_eq!(shown(AlphaMode::Opaque), [T::one(); 7]);
+    assert_eq!(shown(AlphaMode::Blend), [0.0, 0.0, 0.25, 0.5, 1.0, 1.0, 0.0].map(T::of));
+    assert_eq!(shown(AlphaMode::Mask { cutoff: 0.25 }), [0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0].map(T::of));
+}
+
+#[test]
+fn coverage_stays_within_its_range() {
+    coverages::<f32>();
+    coverages::<f64>();
 }

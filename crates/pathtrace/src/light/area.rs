@@ -12,9 +12,9 @@ use std::f32::consts::PI;
 
 /// Points of a triangle at which emission that varies is looked at, to estimate its power.
 const PROBES: u32 = 32;
-/// Share of the choice among the triangles of an instance whose emission varies that goes by area: light that all probes
-/// miss is found, too.
-const EVEN_SHARE: f32 = 0.02;
+/// Share of the choice among the triangles of an instance whose emission varies that goes by area: light that the probes of
+/// a triangle miss is found, too.
+const EVEN_SHARE: f64 = 0.02;
 
 /// A sphere, triangle or parallelogram that emits.
 #[derive(Clone, Copy, Debug)]
@@ -79,32 +79,36 @@ pub(crate) fn collect(world: &mut World) -> Result<Emitters, PathtraceError> {
     Ok(out)
 }
 
-/// Lets a share of the power of an instance, whose emitters these are, count by area.
+/// Lets a share of the power of an instance, whose emitters these are, count by area: all of it where no probe met light.
 fn share_evenly(world: &World, list: &[Emitter], weights: &mut [f32]) {
-    let sum = |values: &mut dyn Iterator<Item = f32>| values.map(f64::from).sum::<f64>() as f32;
-    let area = sum(&mut list.iter().map(|e| e.area));
+    let area: f64 = list.iter().map(|e| f64::from(e.area)).sum();
     let Some(emitter) = list.first().filter(|_| area > 0.0) else { return };
-    let found = sum(&mut weights.iter().copied());
-    let power = if found > 0.0 { found } else { PI * area * mean_emission(world, emitter.instance) };
+    let found: f64 = weights.iter().map(|w| f64::from(*w)).sum();
+    let sides = if emitter.both_sides { 2.0 } else { 1.0 };
+    let (power, share) = match found > 0.0 {
+        true => (found, EVEN_SHARE),
+        false => (sides * std::f64::consts::PI * area * mean_emission(world, emitter.instance), 1.0),
+    };
     for (weight, emitter) in weights.iter_mut().zip(list) {
-        let even = power * (emitter.area / area);
-        *weight += EVEN_SHARE * (even - *weight);
+        let own = f64::from(*weight);
+        let mixed = own + share * (power * (f64::from(emitter.area) / area) - own);
+        // Powers beyond the largest number count as it.
+        *weight = mixed.min(f64::from(f32::MAX)) as f32;
     }
 }
 
 /// Mean luminance of what a material emits over its texture; the largest of a tree.
-fn mean_emission(world: &World, instance: u32) -> f32 {
+fn mean_emission(world: &World, instance: u32) -> f64 {
     let material = &world.materials[world.placed[instance as usize].material as usize];
     let map = match (material.library, &world.library) {
         (Some(index), Some(library)) => library.texture_of(index, MapKind::Emissive).map(|texture| {
-            let (factor, texels) = (library.factors(index).emissive, library.texture(texture).linear_base());
-            let one = |t: &[f32; 4]| luminance(factor.mul(vec3(t[0], t[1], t[2])));
-            texels.iter().map(one).sum::<f32>() / texels.len() as f32
+            let [r, g, b, _] = library.texture(texture).mean().map(|v| v as f32);
+            luminance(library.factors(index).emissive.mul(vec3(r, g, b)))
         }),
         _ => None,
     };
     let tree = material.graph.as_ref().and_then(|g| g.emission.as_ref());
-    map.or_else(|| tree?.largest().map(luminance)).unwrap_or(1.0)
+    f64::from(map.or_else(|| tree?.largest().map(luminance)).unwrap_or(1.0))
 }
 
 /// The parallelogram that a triangle makes up with the next one, or else the triangle; `None` for spheres.

@@ -10,7 +10,7 @@ use crate::{
 use glam::DVec3;
 use photofit_geometry::{Mesh, shapes};
 use photofit_image::Image;
-use photofit_scalar::{Vec3, Vec3f, vec3};
+use photofit_scalar::{Vec3, Vec3f, vec3, vec4};
 use photofit_scene::{
     Clearcoat, Extensions, Instance, MapKind, Material, Primitive, Sampler, Scene, SurfaceLibrary,
     TextureImage, TextureSlot,
@@ -137,7 +137,9 @@ fn smooth_mirrors_of_few_triangles_have_no_dark_rims() {
     let mut mesh = shapes::icosphere(2);
     mesh.normals = mesh.positions.clone();
     let view = looking([0.0, 0.0, 3.0], [0.0; 3], 0.75);
-    for clearcoat in [false, true] {
+    for (clearcoat, colored) in [(false, false), (true, false), (false, true), (true, true)] {
+        // Colours of vertices, all white: the material varies.
+        mesh.colors = if colored { vec![vec4(1.0, 1.0, 1.0, 1.0); mesh.positions.len()] } else { Vec::new() };
         let mut material = Material { roughness: 0.0, ..Material::default() };
         if clearcoat {
             let coat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
@@ -150,7 +152,10 @@ fn smooth_mirrors_of_few_triangles_have_no_dark_rims() {
         let values: Vec<f32> = (0..picture.pixels()).map(|i| picture.data[4 * i]).collect();
         let least = values.iter().fold(f32::INFINITY, |a, b| a.min(*b));
         let mean = values.iter().sum::<f32>() / values.len() as f32;
-        assert!(least > 0.9 && mean > 0.99, "coat {clearcoat}: darkest pixel {least}, mean {mean}");
+        assert!(
+            least > 0.9 && mean > 0.99,
+            "coat {clearcoat}, colours {colored}: darkest pixel {least}, mean {mean}"
+        );
         assert!(values.iter().all(|v| *v < 1.001), "a mirror makes no light");
     }
 }

@@ -16,8 +16,12 @@ fn dots(side: usize, white: &[usize]) -> TextureImage {
     TextureImage { width: side, height: side, texels, ..Default::default() }
 }
 
-/// A floor and a lamp above it, of which one texel of 1024 glows.
-fn under_a_spot() -> Scene {
+/// A spot that all probes miss, and a patch of the other triangle, which they find.
+const SPOT: &[usize] = &[32 * 10 + 20];
+const PATCH: &[usize] = &[32 * 27 + 13, 32 * 27 + 14, 32 * 28 + 13, 32 * 28 + 14];
+
+/// A floor and a lamp above it, of which some texels of 1024 glow.
+fn under_a_lamp(white: &[usize]) -> Scene {
     let glowing = Material {
         base_color: [0.0, 0.0, 0.0, 1.0],
         emissive: [1000.0; 3],
@@ -27,7 +31,7 @@ fn under_a_spot() -> Scene {
     let mut lamp = quad(vec3(-0.5, 1.0, -0.5), vec3(1.0, 0.0, 0.0), vec3(0.0, 0.0, 1.0));
     lamp.uvs = lamp.positions.iter().map(|p| vec2(p.x + 0.5, p.z + 0.5)).collect();
     let mut out = scene(lamp, glowing);
-    out.images.push(dots(32, &[32 * 10 + 20]));
+    out.images.push(dots(32, white));
     let floor = quad(vec3(-1.0, 0.0, -1.0), vec3(0.0, 0.0, 2.0), vec3(2.0, 0.0, 0.0));
     out.materials.push(Material::clay());
     out.primitives.push(Primitive { mesh: floor, material: 1 });
@@ -37,23 +41,28 @@ fn under_a_spot() -> Scene {
 
 #[test]
 fn light_sampling_finds_a_spot_between_the_probes() {
-    let world = World::new(Parts::from_scene(&under_a_spot())).unwrap();
-    let view = looking([0.0, 0.6, 1.5], [0.0, 0.0, 0.0], 0.6);
-    let run = |strategy: Strategy, seed: u64| {
+    let run = |white: &[usize], strategy: Strategy, seed: u64| {
+        let world = World::new(Parts::from_scene(&under_a_lamp(white))).unwrap();
+        let view = looking([0.0, 0.6, 1.5], [0.0, 0.0, 0.0], 0.6);
         let options = RenderOptions { path: with_strategy(strategy, 1), seed, ..square(16, 1024) };
         let (picture, variance) = render(&world, &view, options);
         mean_of(&picture, &variance, 1024, 0)
     };
-    let (light, bsdf) = (run(Strategy::Light, 1), run(Strategy::Bsdf, 2));
-    let error = light.1.hypot(bsdf.1);
-    assert!(error < 0.2 * bsdf.0, "{light:?} {bsdf:?}");
-    assert!((light.0 - bsdf.0).abs() < 4.0 * error, "{light:?} {bsdf:?}");
+    let [spot, patch] = [SPOT, PATCH].map(|white| run(white, Strategy::Light, 1));
+    let bsdf = run(SPOT, Strategy::Bsdf, 2);
+    let error = spot.1.hypot(bsdf.1);
+    assert!(error < 0.2 * bsdf.0, "{spot:?} {bsdf:?}");
+    assert!((spot.0 - bsdf.0).abs() < 4.0 * error, "{spot:?} {bsdf:?}");
+    // Beside light that the probes meet, it is found less often.
+    let both = run(&[SPOT, PATCH].concat(), Strategy::Light, 3);
+    let error = both.1.hypot(spot.1).hypot(patch.1);
+    assert!(error < 0.5 * spot.0, "{both:?} {spot:?} {patch:?}");
+    assert!((both.0 - spot.0 - patch.0).abs() < 4.0 * error, "{both:?} {spot:?} {patch:?}");
 }
 
 #[test]
 fn a_lamp_whose_texture_is_black_gives_no_light() {
-    let mut scene = under_a_spot();
-    scene.images[0] = dots(32, &[]);
+    let scene = under_a_lamp(&[]);
     let world = World::new(Parts::from_scene(&scene)).unwrap();
     assert!(world.lights.is_dark());
 }

@@ -36,7 +36,7 @@ impl World {
                 (SampleGradient { base_color, roughness, metallic, ..SampleGradient::default() }, d.n)
             }
             Some(e) => {
-                let coat = coat_normal(&e, at, viewer, false, surface);
+                let coat = coat_normal(&e, at, viewer, (false, at.has_rims(sample.metallic)), surface);
                 let parameters = e.parameters(&sample, coat, self.energy, TransportMode::Radiance);
                 let d = parameters.eval_vjp(wo, wi, g)?;
                 let (base_color, roughness, metallic) = (d.base_color, d.roughness, d.metallic);

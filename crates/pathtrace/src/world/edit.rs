@@ -161,12 +161,19 @@ impl World {
         if index >= count {
             return Err(invalid("material", absent(index, count)));
         }
-        if self.replace(index, material, true)? { self.collect_emitters() } else { Ok(()) }
+        let (new, lights_change) = self.compiled(index, material, true)?;
+        self.take_material(index, new, material.clone());
+        if lights_change { self.collect_emitters() } else { Ok(()) }
     }
 
-    /// As [`Self::set_material`]; whether lights have to be collected anew. Textures that it emits through changed if
-    /// `textures`.
-    fn replace(&mut self, index: usize, material: &Material, textures: bool) -> Result<bool, PathtraceError> {
+    /// What takes the place of a material, and whether lights have to be collected anew then. Textures that it emits
+    /// through changed if `textures`.
+    fn compiled(
+        &self,
+        index: usize,
+        material: &Material,
+        textures: bool,
+    ) -> Result<(CompiledMaterial, bool), PathtraceError> {
         let mut new = CompiledMaterial::new(index, material, self.library.as_ref(), self.energy)?;
         new.find_pane(self.media.is_bounded());
         let mut users = (0..self.placed.len()).filter(|i| self.placed[*i].material as usize == index);
@@ -176,17 +183,20 @@ impl World {
         let old = &self.materials[index];
         let lights_change = (old.emits || new.emits)
             && (old.shining() != new.shining() || (textures && (old.varies || new.varies)));
+        Ok((new, lights_change))
+    }
+
+    fn take_material(&mut self, index: usize, new: CompiledMaterial, given: Material) {
         self.materials[index] = new;
-        self.given[index] = material.clone();
+        self.given[index] = given;
         self.place_material(index);
-        Ok(lights_change)
     }
 
     /// Changes the library of textured materials in place (texels, factors), and takes up what changed.
     ///
     /// # Errors
     /// If there is no library, or a library material became invalid: masked though it bounds a medium. The library keeps
-    /// its changes.
+    /// its changes, and the world takes up none of them.
     pub fn edit_library(&mut self, edit: impl FnOnce(&mut SurfaceLibrary)) -> Result<(), PathtraceError> {
         self.edit_library_where(edit, |_, _| true)
     }
@@ -199,13 +209,16 @@ impl World {
     ) -> Result<(), PathtraceError> {
         let library = self.library.as_mut().ok_or_else(no_library)?;
         edit(library);
-        let mut lights_change = false;
-        for index in 0..self.given.len() {
-            if let BsdfSource::Library { index: m } = self.given[index].scattering {
+        let mut all = Vec::new();
+        for (index, material) in self.given.iter().enumerate() {
+            if let BsdfSource::Library { index: m } = material.scattering {
                 let textures = self.library.as_ref().is_some_and(|l| m < l.materials() && glows(l, m));
-                let material = self.given[index].clone();
-                lights_change |= self.replace(index, &material, textures)?;
+                all.push((index, self.compiled(index, material, textures)?, material.clone()));
             }
+        }
+        let lights_change = all.iter().any(|(_, (_, change), _)| *change);
+        for (index, (new, _), material) in all {
+            self.take_material(index, new, material);
         }
         if lights_change { self.collect_emitters() } else { Ok(()) }
     }

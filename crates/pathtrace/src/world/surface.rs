@@ -42,6 +42,10 @@ pub struct Interaction {
     pub piece: u32,
 }
 
+/// Metalness beyond which vertex normals are bent until the mirror direction leaves the surface. Others reflect little but
+/// diffusely, which loses nothing there, and are shaded as the rasterizer shades them.
+const METAL: f32 = 0.5;
+
 impl Interaction {
     /// A ray from here towards the unit vector `direction`, on the side where it goes.
     #[inline(always)]
@@ -53,6 +57,12 @@ impl Interaction {
     #[inline(always)]
     fn is_smooth(&self) -> bool {
         self.ns != self.ng && self.ns.dot(self.ng) > 0.0
+    }
+
+    /// Whether vertex normals may send the mirror direction of a surface of this metalness below its triangles.
+    #[inline(always)]
+    pub(super) fn has_rims(&self, metallic: f32) -> bool {
+        metallic > METAL && self.is_smooth()
     }
 
     /// The geometric normal on the side of `wo`.
@@ -238,7 +248,11 @@ impl World {
             out.n = match (material.transmits, at.front) {
                 (true, false) => -n,
                 (true, true) => n,
-                (false, _) if at.is_smooth() => reflecting_upwards(n, at.facing(wo), wo),
+                (false, _)
+                    if self.library.as_ref().is_some_and(|l| at.has_rims(l.factors(index).metallic)) =>
+                {
+                    reflecting_upwards(n, at.facing(wo), wo)
+                }
                 (false, _) => n,
             };
             (out.s, out.t) = axes(out.n, tangent);
@@ -268,14 +282,15 @@ impl World {
         let normal = if has_map { mapped(at, sample.normal) } else { at.ns };
         let mut n = face_viewer(normal, at.ng, wo);
         let transmits = extensions.is_some_and(|e| e.transmission > 0.0) && sample.metallic < 1.0;
-        if !transmits && (has_map || at.is_smooth()) {
+        let rims = at.has_rims(sample.metallic);
+        if !transmits && (has_map || rims) {
             n = reflecting_upwards(n, at.facing(wo), wo);
         }
         out.n = if transmits && !at.front { -n } else { n };
         (out.s, out.t) = axes(out.n, tangent);
         let up = vec3(0.0, 0.0, 1.0);
         let coat = match extensions {
-            Some(e) => coat_normal(&e, at, wo, transmits, out),
+            Some(e) => coat_normal(&e, at, wo, (transmits, rims), out),
             None => up,
         };
         let bsdf = library_bsdf(&sample, extensions.as_ref(), coat, self.energy);
@@ -470,7 +485,7 @@ pub(super) fn coat_normal(
     e: &ExtensionSample,
     at: &Interaction,
     wo: Vec3f,
-    transmits: bool,
+    (transmits, rims): (bool, bool),
     below: &SurfaceMaterial<'_>,
 ) -> Vec3f {
     let up = vec3(0.0, 0.0, 1.0);
@@ -479,7 +494,7 @@ pub(super) fn coat_normal(
     }
     let coat = if e.clearcoat_normal == up { at.ns } else { mapped(at, e.clearcoat_normal) };
     let mut coat = if at.front || transmits { coat } else { -coat };
-    if !transmits && (e.clearcoat_normal != up || at.is_smooth()) {
+    if !transmits && (e.clearcoat_normal != up || rims) {
         coat = reflecting_upwards(coat, at.facing(wo), wo);
     }
     let local = below.to_local(coat);

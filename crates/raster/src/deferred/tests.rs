@@ -246,6 +246,8 @@ fn frozen_parts_get_no_gradient_and_opaque_scenes_one_layer() {
     let g = patch.gradients(&w, &b, &Passes { position_gradients: false, ..Passes::default() });
     assert!(g.positions.iter().chain(&g.normals).all(|p| *p == Vec3::zero()));
     assert!(g.maps.levels[0].texels.iter().flatten().any(|t| *t != 0.0));
+    let moving = patch.gradients(&w, &b, &Passes::default());
+    assert_eq!(g.maps.levels[0].texels, moving.maps.levels[0].texels, "colours at silhouettes keep theirs");
     let g = patch.gradients(&w, &b, &Passes { map_gradients: false, ..Passes::default() });
     assert!(g.maps.levels[0].texels.iter().flatten().all(|t| *t == 0.0));
     assert!(g.positions.iter().any(|p| *p != Vec3::zero()));

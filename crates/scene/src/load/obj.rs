@@ -122,7 +122,7 @@ pub(crate) fn parse(text: &[u8], folder: &Folder, limits: &Limits, missing: Miss
         let turned = scene.primitives.iter_mut().map(|p| normals::turn_opposed(&mut p.mesh)).sum();
         scene.warnings.extend(normals::turned(turned));
     }
-    scene.images = textures.decode(|i| library.reads_normals(i), &mut scene.warnings)?;
+    scene.images = textures.decode(&library.normal_maps(), &mut scene.warnings)?;
     let colored = !statements.colors.is_empty();
     if let (Some(clay), true) = (clay, colored) {
         scene.materials[clay].base_color = [1.0; 4];

@@ -9,7 +9,7 @@ use photofit_texture::MipLayout;
 use rayon::prelude::*;
 use serde_json::Value;
 use std::borrow::Cow;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// Textures requested so far; each is decoded once.
 #[derive(Debug)]
@@ -93,11 +93,11 @@ impl<'a> Textures<'a> {
         self.pending[index].extras = extras;
     }
 
-    /// All textures, in the order of their requests. Of more than 8 bits those that hold data keep all, as long as there is
+    /// All textures, in the order of their requests. Of more than 8 bits those that hold `data` keep all, as long as there is
     /// room beside the 8 bits of every texture; those for which there is none are told. Nothing reads colours in more than 8.
     pub(crate) fn decode(
         mut self,
-        holds_data: impl Fn(usize) -> bool,
+        data: &HashSet<usize>,
         warnings: &mut Vec<String>,
     ) -> Result<Vec<TextureImage>, Fault> {
         let most = self.limits.texels;
@@ -105,7 +105,7 @@ impl<'a> Textures<'a> {
         for (i, p) in self.pending.iter_mut().enumerate().filter(|(_, p)| p.deep) {
             // Twice the bytes of 8 bits, which are kept, too.
             let more = p.texels.saturating_mul(2);
-            p.deep = holds_data(i);
+            p.deep = data.contains(&i);
             if p.deep && more > room {
                 p.deep = false;
                 let place = &p.place;
@@ -200,7 +200,9 @@ mod tests {
                     .map_err(|f| f.rule)?;
             }
             let mut warnings = Vec::new();
-            let images = textures.decode(holds_data, &mut warnings).map_err(|f| f.rule)?;
+            let images = textures
+                .decode(&(0..2).filter(|i| holds_data(*i)).collect(), &mut warnings)
+                .map_err(|f| f.rule)?;
             Ok::<_, String>((images.iter().map(|i| i.texels16.len()).collect::<Vec<_>>(), warnings))
         };
         let [first, second] = [deep(20_000), deep(30_000)];

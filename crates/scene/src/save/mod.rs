@@ -24,7 +24,7 @@ use std::path::Path;
 
 /// Writes a scene as a `.glb` file that holds everything: geometry, materials and textures (see [`crate::TextureEncoding`]).
 ///
-/// Tangents that a material needs ([`crate::Material::needs_tangents`]) are computed when they are missing; those that none needs
+/// Tangents that a material needs ([`crate::Material::needs_tangents`]) are computed for rigid meshes that lack them; those that none needs
 /// are written for the meshes of a [`Scene::hierarchy`] alone.
 /// A scene with a [`Scene::hierarchy`] is written with its nodes, skins, morph targets and animations; what the scene holds
 /// beyond that follows as further nodes. Without one, primitives keep their sharing, instances become nodes (transforms that shear, which glTF nodes cannot, are worked

@@ -73,8 +73,8 @@ fn a_plain_mean_and_its_variance_follow_the_number_of_frames() {
         TemporalSettings { minimum: 0.0, change: f32::INFINITY, ..Default::default() },
     );
     for _ in 0..frames {
-        let gray: Vec<f32> = sigma.iter().map(|s| 1.0 + s * rng.normal()).collect();
-        let irradiance = gray.repeat(3);
+        // Channels of their own: the variance is the mean of theirs, not that of their mean.
+        let irradiance: Vec<f32> = (0..3 * n).map(|i| 1.0 + sigma[i % n] * rng.normal()).collect();
         wall.add(&mut history, &irradiance);
     }
     assert!(history.counts().iter().all(|c| (*c - frames as f32).abs() < 1e-3));

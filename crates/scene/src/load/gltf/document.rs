@@ -151,7 +151,11 @@ impl<'a> Document<'a> {
         let syntax = |e: serde_json::Error| fault("the JSON", e.to_string());
         let raw: Raw = serde_json::from_slice(text).map_err(syntax)?;
         let Raw { materials, animations, meshes, nodes, textures, buffers, views, extensions } = raw;
-        let inventory = Inventory::of(text).map_err(syntax)?;
+        // A number or text that only a full reader refuses may stand where nobody reads.
+        let inventory = Inventory::of(text).unwrap_or_else(|e| {
+            scene.warnings.push(format!("what the file holds beyond what is read cannot be told: {e}"));
+            Inventory::default()
+        });
         let text = with_nodes(text, &animations, &mut scene.warnings).map_err(syntax)?;
         let root: json::Root = serde_json::from_slice(&text).map_err(syntax)?;
         if !root.asset.version.starts_with("2.") {

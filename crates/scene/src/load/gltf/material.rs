@@ -238,7 +238,6 @@ fn image<'a>(
         )
     })?;
     let place = format!("image {i}");
-    let extras = document.extras(&json.extras, || place.clone())?;
     // By source, so that images that share one are decoded once.
     let key = match (&json.buffer_view, &json.uri) {
         (Some(view), _) => format!("bufferView {view}"),
@@ -254,6 +253,7 @@ fn image<'a>(
         (None, Some(uri)) => document.folder.read_uri(uri, document.limits.file_bytes, &place)?.into(),
         (None, None) => return Err(fault(place, "has neither bufferView nor URI; it must have one of them")),
     };
+    let extras = document.extras(&json.extras, || place.clone())?;
     let image = textures.request(key, place, name.unwrap_or_default(), bytes)?;
     textures.set_extras(image, extras);
     Ok(image)

@@ -75,8 +75,8 @@ fn parse_document(
             return Err(fault(format!("light `{}`", clip(&light.name)), rule));
         }
     }
-    let holds_data = |i: usize| scene.materials.iter().any(|m| m.reads_data(i));
-    scene.images = textures.decode(holds_data, &mut scene.warnings)?;
+    let data: HashSet<usize> = scene.materials.iter().flat_map(Material::data).collect();
+    scene.images = textures.decode(&data, &mut scene.warnings)?;
     scene.hierarchy = Some(Arc::new(hierarchy));
     scene.ignored_extras = document.extras.saturating_sub(scene.extras());
     if scene.ignored_extras > 0 {

@@ -10,7 +10,7 @@ use super::texture::Textures;
 use crate::error::{Fault, FaultKind, fault};
 use crate::{Material, Sampler, Scene, TextureSlot, Wrap};
 use statements::Statements;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// Materials of libraries, complete once their textures are decoded.
 #[derive(Debug, Default)]
@@ -116,10 +116,10 @@ impl Library {
         Ok(())
     }
 
-    /// Whether a material takes normals from this image, which are read as they are; other data are joined in 8 bits.
-    pub(super) fn reads_normals(&self, image: usize) -> bool {
+    /// Images that materials take normals from, which are read as they are; other data are joined in 8 bits.
+    pub(super) fn normal_maps(&self) -> HashSet<usize> {
         let maps = self.statements.iter().flat_map(|(_, s)| [&s.normal_map, &s.bump_map]);
-        maps.flatten().any(|m| m.slot.image == image)
+        maps.flatten().map(|m| m.slot.image).collect()
     }
 
     /// Completes the materials; the scene has its images. Maps that glTF keeps in one image are joined, at most

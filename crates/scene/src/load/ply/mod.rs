@@ -19,7 +19,7 @@ use body::Body;
 use header::{Element, Header, Kind, Property};
 use photofit_geometry::Mesh;
 use photofit_scalar::{Vec2f, Vec3f, vec2, vec3, vec4};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// Loads a PLY file: vertices with normals, colours (8 and 16 bit ones are sRGB) and texture coordinates (turned to
 /// the upper left origin), faces of any number of corners with optional corner coordinates, and triangle strips. Faces that
@@ -61,7 +61,7 @@ pub(crate) fn parse(bytes: &[u8], folder: &Folder, limits: &Limits) -> Result<Sc
     if !mesh.positions.is_empty() {
         place(&mut scene, Primitive { mesh, material: 0 });
     }
-    scene.images = textures.decode(|_| false, &mut scene.warnings)?;
+    scene.images = textures.decode(&HashSet::new(), &mut scene.warnings)?;
     Ok(scene)
 }
 

@@ -36,6 +36,8 @@ fn containers() {
     let deep = format!("{}0{}", "[{\"extensions\":".repeat(10_000), "}]".repeat(10_000));
     let text = format!("{{\"asset\":{{\"version\":\"2.0\"}},\"extras\":0,\"x\":{deep}}}");
     assert_eq!(super::load_files(&[("a.gltf", text.as_bytes())]).unwrap().triangle_count(), 0);
+    let text = format!("{{\"asset\":{{\"version\":\"2.0\"}},\"x\":[1e999]}}");
+    assert_eq!(super::load_files(&[("a.gltf", text.as_bytes())]).unwrap().warnings.len(), 1);
     let many = Limits { json_items: 100, ..Limits::default() };
     let text = format!("{{\"asset\":{{\"version\":\"2.0\"}},\"nodes\":[{}{{}}]}}", "{},".repeat(100));
     refused_with(&[("bad.gltf", text.as_bytes())], &many, &["at most 100 objects"]);
@@ -381,7 +383,7 @@ fn skins() {
     let bind = push(&mut b.json["accessors"], zeros);
     b.json["skins"] = json!([{"joints": [1], "inverseBindMatrices": bind}]);
     b.json["nodes"][1]["translation"] = json!([1, 2, 3]);
-    // The singular one collapses what follows the joint, as in other programs.
+    // The singular one collapses what follows the joint.
     let flat = b.load().flatten().mesh;
     assert_eq!(flat.positions, [vec3(1.0, 2.0, 3.0); 3]);
     assert!(flat.normals.iter().all(|n| (n.length() - 1.0).abs() < 1e-6), "{:?}", flat.normals);
