@@ -281,12 +281,14 @@ fn a_fit_of_nothing_and_one_that_ends_at_once_say_so() {
     let short = RetextureOptions { resolution: 32, steps: 5, ..options() };
     let keeping = Keeping { time_limit: Some(std::time::Duration::ZERO), ..Keeping::default() };
     let ended = RetextureOptions { keeping, ..short.clone() };
-    // All of its samples are constant.
+    // On its own shape all of its samples are constant.
     let mut grey = arm(24, 32);
     grey.materials = vec![Material::clay()];
     grey.images.clear();
-    for (asset, options, why) in [(arm(24, 32), ended, "no steps are made"), (grey, short, "all samples")] {
-        let r = retexture(&asset, &light(), &path, &options, &Silent).unwrap();
+    let cases =
+        [(arm(24, 32), light(), ended, "no steps are made"), (grey.clone(), grey, short, "all samples")];
+    for (asset, light, options, why) in cases {
+        let r = retexture(&asset, &light, &path, &options, &Silent).unwrap();
         assert!(r.steps == 0 && r.plan.phases.is_empty(), "{}", r.plan);
         let row = r.plan.items.iter().find(|i| i.what == "map gradients").unwrap();
         assert!(row.runs == Runs::No && row.why.starts_with(why), "{row:?}");

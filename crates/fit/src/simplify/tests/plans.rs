@@ -129,12 +129,16 @@ fn plans_say_what_comes_and_what_was() {
         if made.written != Written::Fitted || made.steps == 0 {
             continue;
         }
-        fitted += 1;
         let start = simplify(&scene, &path, &SimplifyOptions { steps: 0, ..options }, &Silent).unwrap();
         let flows = |what| told.runs(what) == Some(Runs::Yes);
         let moved = start.candidate.positions != made.candidate.positions;
-        assert_eq!(flows("position gradients"), moved, "{name}");
         let [a, b] = [&start, &made].map(|o| &o.candidate.maps.levels[0].texels);
+        // What looks best, and is kept, may be what was there before the first step.
+        if !moved && a == b {
+            continue;
+        }
+        fitted += 1;
+        assert_eq!(flows("position gradients"), moved, "{name}");
         let changed: [bool; CHANNELS] = std::array::from_fn(|c| a.iter().zip(b).any(|(a, b)| a[c] != b[c]));
         for (what, group) in [
             ("base colour gradients", channel::BASE_COLOR..channel::ALPHA),
