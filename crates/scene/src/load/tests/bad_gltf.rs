@@ -37,7 +37,8 @@ fn containers() {
     let text = format!("{{\"asset\":{{\"version\":\"2.0\"}},\"extras\":0,\"x\":{deep}}}");
     assert_eq!(super::load_files(&[("a.gltf", text.as_bytes())]).unwrap().triangle_count(), 0);
     let text = format!("{{\"asset\":{{\"version\":\"2.0\"}},\"x\":[1e999]}}");
-    assert_eq!(super::load_files(&[("a.gltf", text.as_bytes())]).unwrap().warnings.len(), 1);
+    let warnings = super::load_files(&[("a.gltf", text.as_bytes())]).unwrap().warnings;
+    assert!(warnings.iter().any(|w| w.contains("cannot be told")), "{warnings:?}");
     let many = Limits { json_items: 100, ..Limits::default() };
     let text = format!("{{\"asset\":{{\"version\":\"2.0\"}},\"nodes\":[{}{{}}]}}", "{},".repeat(100));
     refused_with(&[("bad.gltf", text.as_bytes())], &many, &["at most 100 objects"]);
