@@ -47,7 +47,7 @@ fn modes() -> Vec<Mode> {
         change,
     };
     let (logarithmic, squares) = (Loss::LogSrgbL1, Loss::Mse);
-    let emission = [channel::EMISSIVE..channel::USED];
+    let emission = std::array::from_ref(&(channel::EMISSIVE..channel::USED));
     let engine = |s: &mut Setting| s.sampling = Sampling::ENGINE;
     let faded = |s: &mut Setting| s.passes.masks = Masks::Faded { slope: 2.0 };
     let still = |s: &mut Setting| (s.passes.position_gradients, s.passes.antialias) = (false, false);
@@ -86,8 +86,8 @@ fn modes() -> Vec<Mode> {
         mode("no normal map, no emission", Kind::Opaque, squares, &LIT, |s| {
             (s.passes.normal_map, s.passes.emissive) = (false, false);
         }),
-        mode("no lights", Kind::Opaque, squares, &emission, |s| s.lit = false),
-        mode("no lights, shaded once per pixel and triangle", Kind::Opaque, logarithmic, &emission, |s| {
+        mode("no lights", Kind::Opaque, squares, emission, |s| s.lit = false),
+        mode("no lights, shaded once per pixel and triangle", Kind::Opaque, logarithmic, emission, |s| {
             s.sampling = Sampling::ENGINE;
             s.lit = false;
         }),

@@ -165,7 +165,7 @@ fn borders_stay_borders_and_vertices_that_stay_stay_to_the_bit() {
 fn borders_find_a_border_that_is_divided_more_finely() {
     // Farther than a segment of the next level is long, nearer than one of this level.
     let mut wide = shapes::quad_grid(32, 32);
-    wide.positions.iter_mut().for_each(|p| *p = *p * 1.1);
+    wide.positions.iter_mut().for_each(|p| *p *= 1.1);
     let (fine, coarse) = (level(&[shapes::quad_grid(4, 4)]), level(&[wide]));
     let made = moves(&fine, &coarse, QUARTER).unwrap();
     let mesh = &fine.primitives[0].mesh;
