@@ -611,8 +611,9 @@ def rendered():
     if not named:
         render(folder)
     keys, other = {scene.__name__: kept(folder / scene.__name__) for scene in ALL}, []
+    # The set of this folder has just been compared.
     with tempfile.TemporaryDirectory(dir=WORK) as work:
-        for scene in ALL:
+        for scene in ALL if named else []:
             now, key = content(write(scene, pathlib.Path(work) / scene.__name__)[0].parent), keys[scene.__name__]
             if key and key != {**now, "by": key["by"]}:
                 other.append(scene.__name__)

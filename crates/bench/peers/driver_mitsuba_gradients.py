@@ -52,26 +52,8 @@ def write_plate(mi):
     light = np.where(height > 0, np.array([0.3, 0.4, 0.55]) * (0.4 + 0.6 * height), [0.12, 0.1, 0.08])
     lamp = (row >= 6) & (row < 14) & (column % 32 < 8) | (row >= 16) & (row < 22) & ((column + 16) % 40 < 5)
     save(np.where(lamp[..., None], [9.0, 8.0, 6.5], light), "sky.exr")
-    PLATE.write_text(f"""<scene version="3.0.0">
-<integrator type="path"><integer name="max_depth" value="3"/><integer name="rr_depth" value="100"/></integrator>
-<sensor type="perspective">
-  <string name="fov_axis" value="smaller"/><float name="fov" value="40"/>
-  <transform name="to_world"><lookat origin="0,2.6,1.6" target="0,0,0.05" up="0,1,0"/></transform>
-  <film type="hdrfilm"><integer name="width" value="{PIXELS}"/><integer name="height" value="{PIXELS}"/>
-    <rfilter type="box"/></film>
-</sensor>
-<emitter type="envmap"><string name="filename" value="sky.exr"/></emitter>
-<shape type="rectangle">
-  <transform name="to_world"><rotate x="1" angle="-90"/></transform>
-  <bsdf type="roughconductor" id="metal">
-    <string name="distribution" value="ggx"/>
-    <rgb name="eta" value="0.2,0.92,1.1"/><rgb name="k" value="3.91,2.45,2.14"/>
-    <texture type="bitmap" name="alpha"><string name="filename" value="plate.exr"/>
-      <boolean name="raw" value="true"/></texture>
-  </bsdf>
-</shape>
-</scene>
-""")
+    scene = ROOT / "crates" / "bench" / "src" / "suites" / "recover" / PLATE.name
+    PLATE.write_text(scene.read_text().replace("{PIXELS}", str(PIXELS)))
 
 
 def limit(values):

@@ -35,8 +35,9 @@ pub use error::ImageError;
 pub use file::{
     ExrLayer, Limits, PngCompression, TextureTexels, decode, decode_texture, decode_texture_texels,
     encode_jpeg, encode_png, encode_png16, encode_srgb_png, encode_webp, encode_webp_lossy, file_bytes,
-    link_target, read, read_exr_layers, read_exr_planes, read_with_limits, set_aside, texture_is_deep,
-    texture_size, write_atomically, write_exr, write_exr_channels, write_exr_planes, write_png,
+    link_target, read, read_exr_layers, read_exr_planes, read_with_limits, round_to_8_bits, set_aside,
+    texture_is_deep, texture_size, write_atomically, write_exr, write_exr_channels, write_exr_planes,
+    write_png,
 };
 pub use heatmap::{heatmap, heatmap_color};
 pub use metrics::{

@@ -9,6 +9,7 @@ use crate::engine::judge::{self, Stage, beyond_rasterizer};
 use crate::engine::reference::Reference;
 use crate::{FitError, Progress};
 use photofit_geometry::decimate::{Options, Target};
+use photofit_image::round_to_8_bits;
 use photofit_raster::texture::{MipLayout, MipRule, MipTexture, Texels};
 use photofit_scene::{AlphaMode, Scene, TextureEncoding, TextureImage, TextureSlot};
 
@@ -247,8 +248,7 @@ pub(super) fn reduced(scene: &Scene, image: usize, halvings: usize) -> TextureIm
     let (texels, texels16) = match chain.texels() {
         Texels::Srgb8(t) | Texels::Unorm8(t) => (t[here].to_vec(), Vec::new()),
         Texels::Unorm16(t) => {
-            let rounded = |t: &[u16; 4]| t.map(|v| ((u32::from(v) + 128) / 257) as u8);
-            (t[here.clone()].iter().map(rounded).collect(), t[here].to_vec())
+            (t[here.clone()].iter().map(|t| t.map(round_to_8_bits)).collect(), t[here].to_vec())
         }
         Texels::F32(_) => unreachable!("texels keep their type"),
     };

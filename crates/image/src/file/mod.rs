@@ -15,7 +15,7 @@ pub use exr_file::{
 pub use limits::Limits;
 pub use png_jpeg::{
     PngCompression, TextureTexels, decode_texture, decode_texture_texels, encode_jpeg, encode_png,
-    encode_png16, encode_srgb_png, texture_is_deep, texture_size, write_png,
+    encode_png16, encode_srgb_png, round_to_8_bits, texture_is_deep, texture_size, write_png,
 };
 pub use webp::{encode_webp, encode_webp_lossy};
 

@@ -30,7 +30,7 @@ pub enum PngCompression {
 /// # Errors
 /// If the bytes are no complete file of these formats, or the image is larger than the limits.
 pub fn decode_texture(bytes: &[u8], limits: &Limits) -> Result<(usize, usize, Vec<[u8; 4]>), ImageError> {
-    let TextureTexels { width, height, texels, .. } = texels(bytes, limits, false)?;
+    let TextureTexels { width, height, texels, .. } = decode_texture_texels(bytes, limits, false)?;
     Ok((width, height, texels))
 }
 
@@ -47,12 +47,12 @@ pub struct TextureTexels {
     pub texels16: Vec<[u16; 4]>,
 }
 
-/// [`decode_texture`] with all bits of a 16-bit PNG.
+/// [`decode_texture`], with all bits of a 16-bit PNG where they are `wanted`.
 ///
 /// ```
 /// use photofit_image::{Limits, PngCompression, decode_texture_texels, encode_png16};
 /// let png = encode_png16(2, 1, 3, &[1, 2, 3, 257, 514, 65535], PngCompression::Fast)?;
-/// let read = decode_texture_texels(&png, &Limits::default())?;
+/// let read = decode_texture_texels(&png, &Limits::default(), true)?;
 /// assert_eq!(read.texels16, [[1, 2, 3, 65535], [257, 514, 65535, 65535]]);
 /// assert_eq!(read.texels, [[0, 0, 0, 255], [1, 2, 255, 255]]);
 /// # Ok::<(), photofit_image::ImageError>(())
@@ -60,12 +60,11 @@ pub struct TextureTexels {
 ///
 /// # Errors
 /// As [`decode_texture`].
-pub fn decode_texture_texels(bytes: &[u8], limits: &Limits) -> Result<TextureTexels, ImageError> {
-    texels(bytes, limits, true)
-}
-
-/// The texels of a texture; those of 16 bits where they are `wanted`.
-fn texels(bytes: &[u8], limits: &Limits, wanted: bool) -> Result<TextureTexels, ImageError> {
+pub fn decode_texture_texels(
+    bytes: &[u8],
+    limits: &Limits,
+    wanted: bool,
+) -> Result<TextureTexels, ImageError> {
     if Format::of(bytes) == Some(Format::Ktx2) {
         let (width, height, texels) = ktx2::decode(bytes, "texture", limits)?;
         return Ok(TextureTexels { width, height, texels, texels16: Vec::new() });
@@ -74,7 +73,7 @@ fn texels(bytes: &[u8], limits: &Limits, wanted: bool) -> Result<TextureTexels, 
     let (width, height) = (image.width() as usize, image.height() as usize);
     if wanted && is_deep(image.color()) {
         let texels16: Vec<[u16; 4]> = by_four(image.into_rgba16().into_raw());
-        let texels = texels16.iter().map(|t| t.map(narrow)).collect();
+        let texels = texels16.iter().map(|t| t.map(round_to_8_bits)).collect();
         // Multiples of 257 are the numbers of 8 bits.
         let more = texels16.as_flattened().iter().any(|s| s % 257 != 0);
         return Ok(TextureTexels {
@@ -94,7 +93,7 @@ fn by_four<S: bytemuck::Pod>(samples: Vec<S>) -> Vec<[S; 4]> {
 }
 
 /// A sample of 16 bits rounded to 8.
-fn narrow(sample: u16) -> u8 {
+pub fn round_to_8_bits(sample: u16) -> u8 {
     ((u32::from(sample) + 128) / 257) as u8
 }
 

@@ -93,16 +93,29 @@ impl World {
         {
             return Err(invalid(format!("instance {i}"), CUT_OUTS));
         }
-        self.exchange(new);
-        let taken = self.measure().and_then(|()| self.collect_emitters());
+        self.exchange_or_undo(new, Self::exchange_geometry, |world| {
+            world.measure()?;
+            world.collect_emitters()
+        })
+    }
+
+    /// Exchanges a part of the world, and takes up what changed; on an error both are as they were.
+    fn exchange_or_undo<T>(
+        &mut self,
+        part: &mut T,
+        exchange: impl Fn(&mut Self, &mut T),
+        take_up: impl Fn(&mut Self) -> Result<(), PathtraceError>,
+    ) -> Result<(), PathtraceError> {
+        exchange(self, part);
+        let taken = take_up(self);
         if taken.is_err() {
-            self.exchange(new);
-            self.measure()?;
+            exchange(self, part);
+            take_up(self)?;
         }
         taken
     }
 
-    fn exchange(&mut self, other: &mut Geometry) {
+    fn exchange_geometry(&mut self, other: &mut Geometry) {
         std::mem::swap(&mut self.origin, &mut other.origin);
         std::mem::swap(&mut self.bounds, &mut other.bounds);
         std::mem::swap(&mut self.shapes, &mut other.shapes);
@@ -132,13 +145,7 @@ impl World {
             }
         }
         let mut other = (new, materials, library);
-        self.exchange_materials(&mut other);
-        let taken = self.collect_emitters();
-        if taken.is_err() {
-            self.exchange_materials(&mut other);
-            self.collect_emitters()?;
-        }
-        taken
+        self.exchange_or_undo(&mut other, Self::exchange_materials, Self::collect_emitters)
     }
 
     fn exchange_materials(
@@ -274,13 +281,7 @@ impl World {
         let frame = (self.origin, self.majorant_factor);
         let boxes = Media::boxes(volumes, frame.0, frame.1)?;
         let mut other = boxes.with_bounded(media, boundaries, medium_around_camera, &holes, frame)?;
-        self.exchange_media(&mut other);
-        let measured = self.measure();
-        if measured.is_err() {
-            self.exchange_media(&mut other);
-            self.measure()?;
-        }
-        measured
+        self.exchange_or_undo(&mut other, Self::exchange_media, Self::measure)
     }
 
     fn exchange_media(&mut self, other: &mut Media) {
@@ -299,13 +300,9 @@ impl World {
             return Err(invalid("volume", absent(index, count)));
         }
         let mut other = Medium::new(index, volume, self.origin, self.majorant_factor)?;
-        std::mem::swap(&mut self.media.boxes[index], &mut other);
-        let measured = self.measure();
-        if measured.is_err() {
-            self.media.boxes[index] = other;
-            self.measure()?;
-        }
-        measured
+        let exchange =
+            |world: &mut Self, other: &mut Medium| std::mem::swap(&mut world.media.boxes[index], other);
+        self.exchange_or_undo(&mut other, exchange, Self::measure)
     }
 
     /// Replaces a medium that surfaces bound.

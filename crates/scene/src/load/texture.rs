@@ -3,7 +3,7 @@
 use super::Limits;
 use crate::TextureImage;
 use crate::error::{Fault, fault};
-use photofit_image::{TextureTexels, decode_texture, decode_texture_texels};
+use photofit_image::{TextureTexels, decode_texture_texels};
 use photofit_ktx2::{Ktx2Error, level_count};
 use photofit_texture::MipLayout;
 use rayon::prelude::*;
@@ -124,16 +124,7 @@ impl<'a> Textures<'a> {
             .pending
             .into_par_iter()
             .map(|p| {
-                let read = if p.deep {
-                    decode_texture_texels(&p.bytes, &limits)
-                } else {
-                    decode_texture(&p.bytes, &limits).map(|(width, height, texels)| TextureTexels {
-                        width,
-                        height,
-                        texels,
-                        texels16: Vec::new(),
-                    })
-                };
+                let read = decode_texture_texels(&p.bytes, &limits, p.deep);
                 let TextureTexels { width, height, texels, texels16 } =
                     read.map_err(|e| fault(&p.place, image_rule(e)))?;
                 let mips = mip_levels(&p.bytes).map_err(|rule| fault(&p.place, rule))?;

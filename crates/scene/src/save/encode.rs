@@ -49,7 +49,7 @@ impl TextureImage {
     /// If that is no PNG, JPEG, WebP or KTX 2.0 texture.
     pub fn read_again(self) -> Result<Self, SceneError> {
         let Some(bytes) = &self.encoded else { return Ok(self) };
-        let read = decode_texture_texels(bytes, &photofit_image::Limits::default());
+        let read = decode_texture_texels(bytes, &photofit_image::Limits::default(), true);
         let read = read.map_err(|e| e.to_string()).and_then(|base| Ok((base, mip_levels(bytes)?)));
         match read {
             Ok((TextureTexels { width, height, texels, texels16 }, mips)) => {

@@ -139,29 +139,11 @@ fn files() -> Result<[PathBuf; 2]> {
     Ok([target?, start?])
 }
 
+/// The scene, with `plate.exr` for the alpha and `{PIXELS}` for the side of its picture; the drivers of peers read it, too.
+const SCENE: &str = include_str!("plate.xml");
+
 fn scene(name: &str) -> String {
-    format!(
-        r#"<scene version="3.0.0">
-<integrator type="path"><integer name="max_depth" value="3"/><integer name="rr_depth" value="100"/></integrator>
-<sensor type="perspective">
-  <string name="fov_axis" value="smaller"/><float name="fov" value="40"/>
-  <transform name="to_world"><lookat origin="0,2.6,1.6" target="0,0,0.05" up="0,1,0"/></transform>
-  <film type="hdrfilm"><integer name="width" value="{PIXELS}"/><integer name="height" value="{PIXELS}"/>
-    <rfilter type="box"/></film>
-</sensor>
-<emitter type="envmap"><string name="filename" value="sky.exr"/></emitter>
-<shape type="rectangle">
-  <transform name="to_world"><rotate x="1" angle="-90"/></transform>
-  <bsdf type="roughconductor" id="metal">
-    <string name="distribution" value="ggx"/>
-    <rgb name="eta" value="0.2,0.92,1.1"/><rgb name="k" value="3.91,2.45,2.14"/>
-    <texture type="bitmap" name="alpha"><string name="filename" value="{name}.exr"/>
-      <boolean name="raw" value="true"/></texture>
-  </bsdf>
-</shape>
-</scene>
-"#
-    )
+    SCENE.replace("plate.exr", &format!("{name}.exr")).replace("{PIXELS}", &PIXELS.to_string())
 }
 
 fn task() -> Result<Task> {
