@@ -10,9 +10,9 @@ pub const FIXED: &str = include_str!("wgsl/fixed.wgsl");
 /// What turns such sums into numbers (`read_fixed`).
 pub const FIXED_READ: &str = include_str!("wgsl/fixed_read.wgsl");
 
-/// Words of a buffer of `n` sums of [`FIXED`]: two each, and the status.
+/// Words of a buffer of `n` sums of [`FIXED`]: two each, and two more, the last of which is the status.
 pub const fn fixed_words(n: usize) -> usize {
-    2 * n + 1
+    2 * n + 2
 }
 
 /// A compute kernel: a constant.

@@ -23,7 +23,7 @@ const ADD: Kernel = Kernel {
         INDEX,
         FIXED,
         HEAD,
-        "@group(0) @binding(2) var<storage, read_write> sums: array<atomic<u32>>;
+        "@group(0) @binding(2) var<storage, read_write> sums: array<FixedSum>;
          @compute @workgroup_size(64)
          fn run(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
                 @builtin(local_invocation_index) lane: u32) {
@@ -129,9 +129,16 @@ fn fixed_sums_keep_their_extremes() {
         assert!(!refused && found[0] == expected, "{x}: {} {expected}", found[0]);
         assert_eq!(sum(gpu, &[x, -x], 1, scale).0, [0.0], "{x}");
     }
-    for x in [16384.0, -1e30, f32::INFINITY, f32::NAN] {
+    for x in [16384.0, -1e30] {
+        let (found, refused) = sum(gpu, &[1.0, x], 1, scale);
+        assert!(!refused && found[0] == 1.0 + 16384_f32.copysign(x), "{x} ends at the limit: {}", found[0]);
+    }
+    for x in [f32::INFINITY, f32::NEG_INFINITY, f32::NAN] {
         assert!(sum(gpu, &[1.0, x], 1, scale).1, "{x} is refused");
     }
+    // 512 of the largest terms fit, one more does not.
+    assert!(!sum(gpu, &[16383.0; 511], 1, scale).1);
+    assert!(sum(gpu, &[1e30; 513], 1, scale).1);
 }
 
 #[test]

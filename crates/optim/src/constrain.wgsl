@@ -1,4 +1,5 @@
-// Constraints on parameters after a step: twin of constrain.rs. One row an invocation.
+// Constraints on parameters after a step: twin of constrain.rs. 64 rows a workgroup: first entry by entry, so that neighbours
+// read neighbours, then row by row.
 
 struct Params {
     rows: u32,
@@ -26,28 +27,36 @@ fn is_finite(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7f800000u) != 0x7f800000u;
 }
 
+fn clamp_entry(i: u32) {
+    let k = i % params.width;
+    let p = x[i];
+    let low = params.lowest[k / 4u][k % 4u];
+    let high = params.highest[k / 4u][k % 4u];
+    let inside = select(low, select(high, p, p < high), p > low);
+    let clamped = select(low, inside, is_number(p));
+    // Most entries are inside. By the bits, for what is not a number equals nothing.
+    if bitcast<u32>(clamped) != bitcast<u32>(p) {
+        x[i] = clamped;
+    }
+}
+
 @compute @workgroup_size(64)
 fn constrain(
     @builtin(workgroup_id) group: vec3<u32>,
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let row = index(group, groups, lane, 64u);
-    if row >= params.rows {
-        return;
-    }
-    let at = row * params.width;
+    let first = index(group, groups, 0u, 64u);
     if params.clamps != 0u {
-        for (var k = 0u; k < params.width; k++) {
-            let p = x[at + k];
-            let low = params.lowest[k / 4u][k % 4u];
-            let high = params.highest[k / 4u][k % 4u];
-            let inside = select(low, select(high, p, p < high), p > low);
-            x[at + k] = select(low, inside, is_number(p));
+        let begin = first * params.width;
+        let end = min(begin + 64u * params.width, params.rows * params.width);
+        for (var i = begin + lane; i < end; i += 64u) {
+            clamp_entry(i);
         }
     }
-    if params.has_unit != 0u {
-        normalize_row(at + params.unit);
+    storageBarrier();
+    if params.has_unit != 0u && first + lane < params.rows {
+        normalize_row((first + lane) * params.width + params.unit);
     }
 }
 

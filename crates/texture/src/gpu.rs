@@ -250,14 +250,13 @@ impl MipBuffers {
         Ok(())
     }
 
-    /// Records that the sums are added to the gradient (which the caller empties before) and emptied. What did not fit is
-    /// told by [`Self::status`]. The slot takes other [`Self::collected`].
+    /// Records that the sums become the gradient, which is zero in channels without sums, and are emptied. What did not fit is told by [`Self::status`]. The slot takes other [`Self::collected`].
     ///
     /// # Errors
     /// If the kernel does not fit the device.
     pub fn record_collect(&self, r: &mut Recorder, scale: f32) -> Result<Slot, GpuError> {
         let buffers = [self.sums.bind(), self.gradient.bind(), self.status.bind()];
-        r.dispatch(&COLLECT, &self.collected(scale), &buffers, 4 * self.layout.texels())
+        r.dispatch(&COLLECT, &self.collected(scale), &buffers, CHANNELS * self.layout.texels())
     }
 
     /// The parameters of [`Self::record_collect`] for sums in units of `1 / scale`.

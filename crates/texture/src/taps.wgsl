@@ -88,8 +88,9 @@ fn axis(u: f32, n: u32, wrap: u32) -> Axis {
     let i = i32(whole);
     let f = x - whole;
     let last = i32(n) - 1;
-    var low = max(i, 0);
-    var high = min(i + 1, last);
+    // Both ends: coordinates that are no numbers end at some texel.
+    var low = clamp(i, 0, last);
+    var high = clamp(i + 1, 0, last);
     if wrap == WRAP_REPEAT {
         low = select(i, last, i < 0);
         high = select(i + 1, 0, i >= last);

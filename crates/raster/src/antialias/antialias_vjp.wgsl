@@ -1,7 +1,7 @@
 // The adjoint: `g` of the blended samples becomes `g_color` of those before, and edges get theirs.
 @group(0) @binding(6) var<storage, read> g: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read_write> g_color: array<vec4<f32>>;
-@group(0) @binding(8) var<storage, read_write> sums: array<atomic<u32>>;
+@group(0) @binding(8) var<storage, read_write> sums: array<FixedSum>;
 
 // Gradient of the sample that a pair writes.
 fn written(alpha: f32, first: u32, second: u32) -> vec4<f32> {

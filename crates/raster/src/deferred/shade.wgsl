@@ -31,19 +31,20 @@ struct Params {
 @group(0) @binding(5) var<storage, read_write> shaded: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read> g_shaded: array<vec4<f32>>;
 // Sums of texels and of vertices.
-@group(0) @binding(7) var<storage, read_write> sums: array<atomic<u32>>;
-@group(0) @binding(8) var<storage, read_write> vertex_sums: array<atomic<u32>>;
+@group(0) @binding(7) var<storage, read_write> sums: array<FixedSum>;
+@group(0) @binding(8) var<storage, read_write> vertex_sums: array<FixedSum>;
 
 const NONE: u32 = 0xffffffffu;
 // Gradients of a corner: clip x, y, w, position, normal, tangent.
 const CORNER_TERMS: u32 = 12u;
 const TERMS: u32 = 36u;
-// Odd, so that lanes write to different banks.
-const PITCH: u32 = 37u;
+// What the terms of a lane are made of: weights of the corners, clip x, y, w of each, position, normal, tangent. Odd, so
+// that lanes write to different banks.
+const PITCH: u32 = 21u;
 // Sums of a vertex: clip x, y, z, w, position, normal, tangent.
 const VERTEX_SUMS: u32 = 13u;
 
-var<workgroup> terms_of_lanes: array<f32, 2368>;
+var<workgroup> parts_of_lanes: array<f32, 1344>;
 var<workgroup> owners: array<u32, 64>;
 var<workgroup> most: atomic<u32>;
 var<workgroup> rounds: u32;
@@ -162,16 +163,21 @@ fn shade_layer(
 
 // `add_fixed` for the sums of vertices.
 fn add_vertex(at: u32, x: f32) {
-    let status = arrayLength(&vertex_sums) - 1u;
-    if !fixed_fits(x, params.scale) {
-        atomicOr(&vertex_sums[status], 1u);
+    let end = arrayLength(&vertex_sums) - 1u;
+    if !fixed_fits(x) {
+        atomicOr(&vertex_sums[end].high, 1u);
         return;
     }
     let words = fixed_words(x, params.scale);
-    let before = atomicAdd(&vertex_sums[2u * at], words.x);
+    let before = atomicAdd(&vertex_sums[at].low, words.x);
     let high = words.y + select(0u, 1u, before > 0xffffffffu - words.x);
-    if high != 0u && fixed_overflows(atomicAdd(&vertex_sums[2u * at + 1u], high), high) {
-        atomicOr(&vertex_sums[status], 2u);
+    if high == 0u {
+        return;
+    }
+    if !fixed_is_large(x, params.scale) {
+        atomicAdd(&vertex_sums[at].high, high);
+    } else if fixed_overflows(atomicAdd(&vertex_sums[at].high, high), high) {
+        atomicOr(&vertex_sums[end].high, 2u);
     }
 }
 
@@ -188,6 +194,11 @@ fn add_corner(t: u32, term: u32, x: f32) {
 
 // Adds one term of all lanes: neighbouring lanes of one triangle first among each other, in order.
 fn add_terms(term: u32) {
+    let corner = term / CORNER_TERMS;
+    let kind = term % CORNER_TERMS;
+    // Of clip positions a term is one part, of attributes the product of one with the weight of the corner.
+    let weighted = kind >= 3u;
+    let part = select(3u + 3u * corner + kind, 9u + kind, weighted);
     var t = NONE;
     var sum = 0.0;
     for (var i = 0u; i < 64u; i++) {
@@ -198,27 +209,31 @@ fn add_terms(term: u32) {
             sum = 0.0;
         }
         if owner != NONE {
-            sum += terms_of_lanes[i * PITCH + term];
+            let at = i * PITCH;
+            sum += parts_of_lanes[at + part] * select(1.0, parts_of_lanes[at + corner], weighted);
         }
     }
     add_corner(t, term, sum);
 }
 
-fn store_terms(lane: u32, p: Pixel, g: PixelGradient) {
-    for (var k = 0u; k < 3u; k++) {
-        var clip = g.clip;
-        let w = p.weights[k];
-        let at = lane * PITCH + CORNER_TERMS * k;
-        for (var c = 0u; c < 3u; c++) {
-            terms_of_lanes[at + c] = clip[k][c];
-            terms_of_lanes[at + 3u + c] = g.position[c] * w;
-            terms_of_lanes[at + 6u + c] = g.normal[c] * w;
-            terms_of_lanes[at + 9u + c] = g.tangent[c] * w;
-        }
-    }
+fn store_three(at: u32, v: vec3<f32>) {
+    parts_of_lanes[at] = v.x;
+    parts_of_lanes[at + 1u] = v.y;
+    parts_of_lanes[at + 2u] = v.z;
 }
 
-// The triangle whose terms the lane now has, or NONE.
+fn store_parts(lane: u32, p: Pixel, g: PixelGradient) {
+    let at = lane * PITCH;
+    store_three(at, p.weights);
+    store_three(at + 3u, g.clip[0]);
+    store_three(at + 6u, g.clip[1]);
+    store_three(at + 9u, g.clip[2]);
+    store_three(at + 12u, g.position);
+    store_three(at + 15u, g.normal);
+    store_three(at + 18u, g.tangent);
+}
+
+// The triangle whose parts the lane now has, or NONE; leaves the lane's texel gradients for `scatter_lanes`.
 fn reverse_group(lane: u32, block: vec2<u32>, first: u32) -> u32 {
     let t = triangle[place_of(block, first)];
     let g = gradient_of(block, first, t);
@@ -231,10 +246,10 @@ fn reverse_group(lane: u32, block: vec2<u32>, first: u32) -> u32 {
     let p = pixel(c, f);
     let d = pixel_vjp(p, c, f, g);
     if MAP_GRADIENTS {
-        scatter(p.at, d.texel);
+        keep_taps(lane, p.at, d.texel);
     }
     if POSITION_GRADIENTS {
-        store_terms(lane, p, d);
+        store_parts(lane, p, d);
     }
     return t;
 }
@@ -253,13 +268,6 @@ fn shade_layer_vjp(
             end = samples_of_block();
             next = leader(block, 0u);
         }
-        if !POSITION_GRADIENTS {
-            while next < end {
-                reverse_group(lane, block, next);
-                next = leader(block, next + 1u);
-            }
-            continue;
-        }
         var groups_of_lane = 0u;
         for (var j = next; j < end; j = leader(block, j + 1u)) {
             groups_of_lane++;
@@ -277,13 +285,19 @@ fn shade_layer_vjp(
         let count = workgroupUniformLoad(&rounds);
         for (var round = 0u; round < count; round++) {
             var owner = NONE;
+            if MAP_GRADIENTS {
+                keep_no_taps(lane);
+            }
             if next < end {
                 owner = reverse_group(lane, block, next);
                 next = leader(block, next + 1u);
             }
             owners[lane] = owner;
             workgroupBarrier();
-            if lane < TERMS {
+            if MAP_GRADIENTS {
+                scatter_lanes(lane);
+            }
+            if POSITION_GRADIENTS && lane < TERMS {
                 add_terms(lane);
             }
             workgroupBarrier();

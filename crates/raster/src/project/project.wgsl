@@ -47,7 +47,7 @@ fn gather(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) grou
         return;
     }
     if v == 0u {
-        status[0] |= sums[26u * params.vertices];
+        status[0] |= sums[26u * params.vertices + 1u];
     }
     let g_clip = vec4<f32>(sum(v, 0u), sum(v, 1u), sum(v, 2u), sum(v, 3u));
     let g_position = project_vjp(g_clip);

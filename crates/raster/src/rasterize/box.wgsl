@@ -5,11 +5,15 @@ const SMALL: u32 = 0u;
 const MEDIUM: u32 = 1u;
 const LARGE: u32 = 2u;
 // Samples of the largest box of a small and of a medium triangle.
-const SMALL_SAMPLES: u32 = 64u;
+const SMALL_SAMPLES: u32 = 16u;
 const MEDIUM_SAMPLES: u32 = 4096u;
-// Workgroups that draw a large triangle, and the width of its tiles.
-const SLICES: u32 = 128u;
+// Width of the tiles of a large triangle.
 const TILE: u32 = 16u;
+
+// Workgroups that draw each of `n` large triangles: few triangles are split among many.
+fn slices_of(n: u32) -> u32 {
+    return clamp(16384u / max(n, 1u), 8u, 512u);
+}
 
 // First and last column and row, 16 bits each.
 fn packed(b: vec4<u32>) -> vec2<u32> {

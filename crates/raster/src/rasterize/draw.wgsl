@@ -106,21 +106,25 @@ fn misses(t: Triangle, corner: vec2<u32>, front_only: bool) -> bool {
     return (above && below) || (front_only && below);
 }
 
-// Some workgroups per large triangle: each takes every `SLICES`-th tile, an invocation four samples of it.
+// Some workgroups per large triangle: each takes every so-many-th tile, an invocation four samples of it.
 @compute @workgroup_size(64)
 fn large(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
          @builtin(local_invocation_index) lane: u32) {
     let slice = group.y * groups.x + group.x;
-    let at = slice / SLICES;
+    let slices = slices_of(lists[1]);
+    let at = slice / slices;
     if at >= lists[1] {
         return;
     }
     let id = lists[2u + params.triangles + at];
     let b = unpacked(boxes[id]);
     let tiles = b.zw / TILE - b.xy / TILE + 1u;
+    if slice % slices >= tiles.x * tiles.y {
+        return;
+    }
     let t = load_triangle(id);
     let front_only = shows_front_only(surfaces[id].x);
-    for (var tile = slice % SLICES; tile < tiles.x * tiles.y; tile += SLICES) {
+    for (var tile = slice % slices; tile < tiles.x * tiles.y; tile += slices) {
         let corner = (b.xy / TILE + vec2<u32>(tile % tiles.x, tile / tiles.x)) * TILE;
         if misses(t, corner, front_only) {
             continue;

@@ -34,5 +34,5 @@ fn count_groups() {
     write_groups(at, select(0u, (sample_count() + 63u) / 64u, seen));
     write_groups(at + 3u, select(0u, (params.triangles + 63u) / 64u, seen));
     write_groups(at + 6u, select(0u, lists[0], seen));
-    write_groups(at + 9u, select(0u, lists[1] * SLICES, seen));
+    write_groups(at + 9u, select(0u, lists[1] * slices_of(lists[1]), seen));
 }

@@ -84,10 +84,9 @@ impl Resident {
         self.tangents.forward(r, positions, normals, tangents)
     }
 
-    /// Records that all gradients are zero.
+    /// Records that all gradients are zero; those of the maps are written anew by [`Self::record_vjp`].
     pub(super) fn record_clear(&self, r: &mut Recorder, g: &GradientBuffers) {
         r.clear(&self.d_welded);
-        r.clear(&self.maps.gradient);
         r.clear(&g.positions);
         r.clear(&g.normals);
         r.clear(&g.tangents);

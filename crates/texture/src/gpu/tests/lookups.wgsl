@@ -25,7 +25,7 @@ struct Place {
 // Values forward, their gradients in reverse.
 @group(0) @binding(3) var<storage, read_write> values: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read_write> derivatives: array<vec4<f32>>;
-@group(0) @binding(5) var<storage, read_write> sums: array<atomic<u32>>;
+@group(0) @binding(5) var<storage, read_write> sums: array<FixedSum>;
 
 fn plan(i: u32) -> Lookup {
     let base = mip_level(0u);
@@ -58,10 +58,13 @@ fn reverse(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = index(group, groups, lane, 64u);
+    keep_no_taps(lane);
     if i < params.count {
         let g = Texel(values[4u * i], values[4u * i + 1u], values[4u * i + 2u], values[4u * i + 3u]);
         let at = plan(i);
         derivatives[i] = vec4<f32>(sample_vjp(at, g), 0.0);
-        scatter(at, g);
+        keep_taps(lane, at, g);
     }
+    workgroupBarrier();
+    scatter_lanes(lane);
 }
