@@ -5,7 +5,7 @@
 use photofit_geometry::{Mesh, shapes};
 use photofit_image::linear_to_srgb_u8;
 use photofit_scalar::{Vec3f, vec2, vec3};
-use photofit_scene::{Instance, Material, Primitive, Sampler, Scene, TextureImage, TextureSlot};
+use photofit_scene::{Instance, Material, Primitive, Scene, TextureImage, TextureSlot};
 use std::f32::consts::TAU;
 
 /// Width of the vase's textures; they are half as high.
@@ -274,12 +274,7 @@ fn add_material(scene: &mut Scene, name: &str, texel: fn(f32, f32) -> Texel) -> 
             texels: texels.iter().map(encode).collect(),
             ..TextureImage::default()
         });
-        Some(TextureSlot {
-            image: scene.images.len() - 1,
-            sampler: Sampler::default(),
-            tex_coord: 0,
-            transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-        })
+        Some(TextureSlot::new(scene.images.len() - 1))
     };
     let base_color_texture = add("base-color", &|(c, _, _)| {
         [linear_to_srgb_u8(c[0]), linear_to_srgb_u8(c[1]), linear_to_srgb_u8(c[2]), 255]

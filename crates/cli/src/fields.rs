@@ -4,6 +4,7 @@ use crate::args::has_option;
 use crate::status::Misuse;
 use anyhow::{Error, anyhow};
 use photofit_fit::FitError;
+use photofit_fit::simplify::Surfacing;
 use photofit_scene::SceneError;
 use std::path::Path;
 
@@ -23,8 +24,6 @@ pub(crate) const RECOVER_VOLUME: Command = &["recover", "volume"];
 fn option(command: Command, field: &str) -> String {
     let name = match field {
         "lighting" => "light".into(),
-        "kept_surface" => "keep-uvs".into(),
-        "vertex_colors" if has_option(command, "textures") => return "--textures none".into(),
         _ => field.replace('_', "-"),
     };
     if has_option(command, &name) { format!("--{name}") } else { field.replace('_', " ") }
@@ -32,6 +31,17 @@ fn option(command: Command, field: &str) -> String {
 
 /// What a setting breaks.
 fn broken(command: Command, field: &str, rule: &str) -> String {
+    // One field of the library is two options.
+    let surfacing = [
+        (Surfacing::Kept, "keep-uvs", "--keep-uvs"),
+        (Surfacing::VertexColors, "textures", "--textures none"),
+    ];
+    for (value, name, option) in surfacing {
+        let rest = rule.strip_prefix(&format!("is {}; it ", value.name()));
+        if let Some(rest) = rest.filter(|_| field == "surfacing" && has_option(command, name)) {
+            return format!("{option} {rest}");
+        }
+    }
     format!("{} {rule}", option(command, field))
 }
 
@@ -91,9 +101,10 @@ mod tests {
     fn fields_are_options_of_the_command_that_runs() {
         assert_eq!(option(SIMPLIFY, "reference"), "--reference");
         assert_eq!(option(RETEXTURE, "reference"), "reference", "an argument without a name there");
-        assert_eq!(broken(SIMPLIFY, "kept_surface", "goes with x"), "--keep-uvs goes with x");
-        assert_eq!(broken(SIMPLIFY, "vertex_colors", "go with y"), "--textures none go with y");
-        assert_eq!(option(DEMO, "vertex_colors"), "vertex colors");
+        let (kept, colors) = ("is kept; it goes with x", "is vertex colors; it goes with y");
+        assert_eq!(broken(SIMPLIFY, "surfacing", kept), "--keep-uvs goes with x");
+        assert_eq!(broken(SIMPLIFY, "surfacing", colors), "--textures none goes with y");
+        assert_eq!(broken(DEMO, "surfacing", kept), format!("surfacing {kept}"));
         assert_eq!(option(SIMPLIFY, "lighting"), "--light");
         assert_eq!(broken(SIMPLIFY, "batch", "is 0; it must be 1 to 64"), "--batch is 0; it must be 1 to 64");
         assert_eq!(option(RETEXTURE, "texture_size"), "--texture-size");

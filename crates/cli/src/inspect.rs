@@ -162,12 +162,12 @@ fn text(path: &Path, scene: &Scene) -> String {
     out
 }
 
-/// What a fit would run; `runs` is null where options or baked maps decide.
+/// What a fit would run; `runs` is null where options or baked maps decide, and of what is told alone.
 fn plan(scene: &Scene) -> Value {
     let runs = |r| match r {
         Runs::Yes => json!(true),
         Runs::No => json!(false),
-        Runs::Open => Value::Null,
+        Runs::Open | Runs::Note => Value::Null,
     };
     FitPlan::new(scene)
         .items()

@@ -64,9 +64,12 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     places.check_against("IN", &scene.files)?;
     let whole =
         Job { command: SIMPLIFY, input: &a.input, output: &a.output, report: None, explain: a.explain };
-    whole.begin(&scene, &options.level(0))?;
-    let progress = Terminal::with_rounds(steps(options.fit.fit_with));
+    let first = options.level(0);
+    whole.check(&scene, &first)?;
     let told = |e| explain_error(SIMPLIFY, &a.input, of_command(e));
+    options.check(scene.triangle_count()).map_err(told)?;
+    whole.begin(&scene, &first, &first.resolved(&scene).map_err(told)?)?;
+    let progress = Terminal::with_rounds(steps(options.fit.fit_with));
     let chain = simplify_chain(&scene, &a.output, &options, &progress).map_err(told)?;
     progress.finish();
     let summary = summary_path(&a.output);

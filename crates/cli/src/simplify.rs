@@ -16,8 +16,8 @@ use photofit_fit::engine::trainer::HistoryPoint;
 use photofit_fit::footprint::Task;
 use photofit_fit::report::{PAGE as REPORT_PAGE, ReportInfo, Verdict, write_report};
 use photofit_fit::simplify::{
-    Effort, FitRenderer, Init, JudgeRenderer, Judged, Mips, Outcome, Quality, ReferenceRenderer,
-    SimplifyOptions, Surfacing, TRACED_FOLDER, Written, simplify, too_large_path,
+    Effort, FitRenderer, Init, JudgeRenderer, Judged, Mips, Outcome, Quality, ReferenceRenderer, Resolved,
+    SimplifyOptions, Surfacing, TRACED_FOLDER, Written, simplify_resolved, too_large_path,
 };
 use photofit_fit::traced_maps::MapsCourse;
 use photofit_geometry::decimate::Target;
@@ -249,9 +249,11 @@ pub(crate) struct Done {
 
 impl Job<'_> {
     pub(crate) fn run(&self, scene: &Scene, options: &SimplifyOptions) -> Result<Done> {
-        self.begin(scene, options)?;
+        self.check(scene, options)?;
+        let resolved = options.resolved(scene).map_err(|e| explain_error(self.command, self.input, e))?;
+        self.begin(scene, options, &resolved)?;
         let progress = Terminal::with_steps(steps(options.fit_with));
-        let outcome = simplify(scene, self.output, options, &progress)
+        let outcome = simplify_resolved(scene, self.output, &resolved, &progress)
             .map_err(|e| explain_error(self.command, self.input, e))?;
         progress.finish();
         let screen_size = match options.target {
@@ -265,8 +267,8 @@ impl Job<'_> {
         Ok(Done { ending: ending(outcome.stopped), outcome, json, unwritten })
     }
 
-    /// What comes before the work: what is wrong with the asset, and what it asks for.
-    pub(crate) fn begin(&self, scene: &Scene, options: &SimplifyOptions) -> Result<()> {
+    /// What comes before all else: what is wrong with the asset.
+    pub(crate) fn check(&self, scene: &Scene, options: &SimplifyOptions) -> Result<()> {
         scene.validate_for_fit().map_err(|e| explain_error(self.command, self.input, e.into()))?;
         // Nothing is baked where the asset keeps its own textures.
         let side = if options.surfacing == Surfacing::Kept { 0 } else { options.texture_size };
@@ -276,11 +278,14 @@ impl Job<'_> {
         };
         memory::check_fit(task, side, self.input, &[scene])?;
         say_warnings(self.input, scene);
+        Ok(())
+    }
+
+    /// What comes before the work: what options ask for, and what is made of them for the asset.
+    pub(crate) fn begin(&self, scene: &Scene, options: &SimplifyOptions, resolved: &Resolved) -> Result<()> {
         if self.explain {
-            let (resolved, _) =
-                options.resolved(scene).map_err(|e| explain_error(self.command, self.input, e))?;
-            let plan = resolved.plan(scene, options.rasterized_against().kind());
-            let (effort, steps) = (options.effort, resolved.fit_steps());
+            let plan = resolved.options().plan(scene, options.rasterized_against().kind());
+            let (effort, steps) = (options.effort, options.fit_steps());
             let asked = match options.surfacing {
                 Surfacing::Kept => effort.about_choice(),
                 _ => format!("{}; {steps} steps are asked for", effort.about()),

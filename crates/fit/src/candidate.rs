@@ -38,7 +38,7 @@ pub struct SurfaceClass {
     pub sides: Sides,
     /// Vertex normals point to the back.
     pub opposed: bool,
-    /// Its alpha is drawn and not written, as that of glass is: it is no parameter.
+    /// Another alpha is drawn than is written, as of glass: it is no parameter.
     pub see_through: bool,
 }
 

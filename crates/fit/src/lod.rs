@@ -11,7 +11,7 @@ pub use blend::{Apart, Blend, weighted};
 use crate::engine::chain::{FitChain, MOST_PARTS, part_folder};
 use crate::engine::judge::{Popping, Quality, Stage, popping};
 use crate::simplify::outcome::beside;
-use crate::simplify::{Asset, Outcome, SimplifyOptions, locks, simplify_asset, with_asset};
+use crate::simplify::{Asset, Init, Outcome, SimplifyOptions, locks, simplify_asset, with_asset};
 use crate::{FitError, Progress};
 use photofit_geometry::decimate::Target;
 use photofit_scene::{Limits, Scene};
@@ -142,8 +142,12 @@ impl LodOptions {
             Some(n) => Target::Triangles(*n),
             None => Target::ScreenSize(FINER * self.sizes[k]),
         };
-        let steps = if k == 0 { self.fit.steps } else { self.fit.steps.div_ceil(2) };
-        let fit = SimplifyOptions { target, steps, ..self.fit.clone() };
+        // Later levels start from the one before, decimated.
+        let (init, steps) = match k {
+            0 => (self.fit.init, self.fit.steps),
+            _ => (Init::Decimate, self.fit.steps.div_ceil(2)),
+        };
+        let fit = SimplifyOptions { target, init, steps, ..self.fit.clone() };
         let fit = SimplifyOptions { checkpoint: self.checkpoint(k), ..fit.for_screen_size(self.sizes[k]) };
         // A level is shown down to the size at which the next one replaces it.
         let smallest_size = self.switch_size(k).unwrap_or(SMALLEST).max(SMALLEST) as usize;

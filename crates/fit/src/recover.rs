@@ -190,7 +190,7 @@ pub fn recover_texture(
         None => rows::loss(loss, held_out.noise, trained.steps > 0),
     };
     let items = items(&trained.model.work(trained.steps), &photos, row, held_out.measure);
-    let plan = PlanRows { items, ..plan }.ended(trained.steps).with_device(device.told());
+    let plan = PlanRows { items, ..plan }.ended(trained.reached()).with_device(device.told());
 
     let mut painted = to_scene(&trained.model.candidate, &n.light_asset);
     painted.inherit(mesh);

@@ -131,7 +131,7 @@ pub struct RecoveredMaterial {
     pub resumed: u64,
     /// Ended by the user or the time limit.
     pub stopped: bool,
-    /// What ran in the last round, and what was skipped; the phases of all rounds.
+    /// What ran in the last round that made steps, and what was skipped; the phases of all rounds.
     pub plan: PlanRows,
 }
 
@@ -159,7 +159,7 @@ pub fn recover_material(
         Task { blank: &blank, options, size: [first.width, first.height], environment: Image::new(1, 1, 3) };
     task.environment = task.sky(views, pictures)?;
     let mut values: Option<Vec<Vec<f32>>> = None;
-    let (mut phases, mut guides) = (Vec::new(), Vec::new());
+    let (mut items, mut phases, mut guides) = (Vec::new(), Vec::new(), Vec::new());
     let (mut made, mut resumed) = (0, 0);
     let mut chain = FitChain::new(&options.keeping, progress);
     let (told, not_finite) = (Mutex::default(), NotFinite::default());
@@ -198,7 +198,10 @@ pub fn recover_material(
                     progress.note(&format!("round {}: {}", round + 1, report.sentence()));
                     guides.push(report);
                 }
-                phases.extend(r.plan.phases.iter().map(|p| format!("round {}: {p}", round + 1)));
+                phases.extend(r.plan.phases.iter().map(|p| p.of_part(&format!("round {}", round + 1))));
+                if r.steps > 0 || items.is_empty() {
+                    items.clone_from(&r.plan.items);
+                }
                 chain.add(&r.history, end - done);
                 (made, resumed) = (made + r.steps, resumed + r.resumed);
                 r
@@ -210,7 +213,7 @@ pub fn recover_material(
             continue;
         }
         let asset = task.asset(&r.model)?;
-        let items = [r.plan.items, vec![task.guide_row(&guides), atlas_row(unwrapped)]].concat();
+        items.extend([task.guide_row(&guides), atlas_row(unwrapped)]);
         return Ok(RecoveredMaterial {
             environment: task.found_environment(&r.model)?,
             left_out: left_out(mesh, &asset),

@@ -164,7 +164,7 @@ pub fn recover_mesh(
             .fit(1, progress, |keeping| fit.level(model.clone(), (level, start.levels), keeping, progress))?;
         device = ran;
         chain.add(&trained.history, fit.steps(level, start.levels));
-        phases.extend(rows.ended(trained.steps).phases);
+        phases.extend(rows.ended(trained.reached()).phases);
         steps += trained.steps;
         model = trained.model;
         stopped = trained.stopped;

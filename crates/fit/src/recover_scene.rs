@@ -191,11 +191,12 @@ pub(crate) fn fit(
     let (steps, fade, reinitialised) = (options.steps, None, None);
     let phase = Phase { name: "parameters", first: 0, steps, shrink: 1, rates, fade, reinitialised };
     let phases = vec![phase];
-    let mut items = items(&model, held_out, options.steps);
-    items.push(rows::loss(job.loss, evaluation.noise, options.steps > 0));
-    items.push(rows::evaluation(evaluation.measure, "light has no upper bound"));
-    let plan = PlanRows::new(items, &phases);
+    let plan = PlanRows::new(Vec::new(), &phases);
     let trained = train(Cpu::new(model)?, &job, |_| phases, progress)?;
+    let mut items = items(&trained.model, held_out, trained.steps);
+    items.push(rows::loss(job.loss, evaluation.noise, trained.steps > 0));
+    items.push(rows::evaluation(evaluation.measure, "light has no upper bound"));
+    let plan = PlanRows { items, ..plan }.ended(trained.reached());
     Ok(RecoveredScene {
         model: trained.model,
         history: trained.history,
@@ -207,7 +208,7 @@ pub(crate) fn fit(
     })
 }
 
-/// The rows of the plan that the model gives.
+/// The rows of the plan that the model gives, of a fit that made so many steps.
 fn items(model: &Traced, held_out: Option<usize>, steps: u64) -> Vec<Item> {
     const MATERIALS: &str = "material gradients";
     const TEXTURES: &str = "texture gradients";

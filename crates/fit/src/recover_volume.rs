@@ -122,7 +122,7 @@ pub struct RecoveredVolume {
     pub resumed: u64,
     /// Ended by the user or the time limit.
     pub stopped: bool,
-    /// What ran on the last grid, and what was skipped; the phases of all grids.
+    /// What ran on the last grid that was fitted, and what was skipped; the phases of all grids.
     pub plan: PlanRows,
 }
 
@@ -180,7 +180,7 @@ pub fn recover_volume(
     let bounds = options.bounds.map_or_else(|| seen_by(views), Ok)?;
     let longest = options.longest_sides();
     let mut grid = Grid::start(size_of(&bounds, longest[0]), &bounds, options.albedo);
-    let (mut grids, mut phases) = (Vec::new(), Vec::new());
+    let (mut grids, mut plan) = (Vec::new(), PlanRows::default());
     let (mut made, mut resumed) = (0, 0);
     let mut chain = FitChain::new(&options.keeping, progress);
     let (told, not_finite) = (Mutex::default(), NotFinite::default());
@@ -200,7 +200,10 @@ pub fn recover_volume(
             recover_scene::fit(model, views, pictures, &own, &shown)
         })?;
         grids.push((done, *side));
-        phases.extend(r.plan.phases.iter().map(|p| format!("{side} voxels: {p}")));
+        plan.phases.extend(r.plan.phases.iter().map(|p| p.of_part(&format!("{side} voxels"))));
+        if r.steps > 0 || plan.items.is_empty() {
+            plan.items.clone_from(&r.plan.items);
+        }
         chain.add(&r.history, end - done);
         grid.extinction.copy_from_slice(r.model.of(0));
         if options.albedo.is_none() {
@@ -219,7 +222,7 @@ pub fn recover_volume(
                 steps: made,
                 resumed,
                 stopped: r.stopped,
-                plan: PlanRows { phases, ..r.plan },
+                plan,
                 model: r.model,
             });
         }

@@ -194,7 +194,7 @@ pub fn retexture(
         phases
     };
     let (trained, device) = train_on(&options.device, model, &job, phases, progress)?;
-    let mut plan = plan.ended(trained.steps);
+    let mut plan = plan.ended(trained.reached());
     // What nothing is fitted of says so, whatever steps were asked for.
     plan.items =
         rows::surface(&trained.model.surface().work(if steps > 0 { trained.steps } else { options.steps }));

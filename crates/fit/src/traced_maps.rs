@@ -172,7 +172,7 @@ pub fn traced_maps(
     }
     let stopped = trained.stopped || progress.is_cancelled();
     let items = items(&maps, trained.steps > 0, loss, held_out.noise);
-    let plan = PlanRows { items, ..plan }.ended(trained.steps);
+    let plan = PlanRows { items, ..plan }.ended(trained.reached());
     let course = MapsCourse { history: trained.history, steps: trained.steps, stopped, plan };
     Ok(TracedMaps { light, course })
 }

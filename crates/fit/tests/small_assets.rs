@@ -143,10 +143,8 @@ fn disc(cutoff: f32) -> Scene {
     let mut card = shapes::quad_grid(4, 4);
     card.uvs = card.positions.iter().map(|p| vec2(0.5 + 0.5 * p.x, 0.5 - 0.5 * p.y)).collect();
     let slot = TextureSlot {
-        image: 0,
         sampler: Sampler { wrap_u: Wrap::ClampToEdge, wrap_v: Wrap::ClampToEdge, filter: Filter::Trilinear },
-        tex_coord: 0,
-        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+        ..TextureSlot::new(0)
     };
     let material = Material {
         alpha_mode: AlphaMode::Mask { cutoff },
@@ -283,10 +281,8 @@ fn occlusion_maps_are_carried_over() {
     };
     let clamp = Wrap::ClampToEdge;
     let occlusion_texture = Some(TextureSlot {
-        image: 0,
         sampler: Sampler { wrap_u: clamp, wrap_v: clamp, filter: Filter::Bilinear },
-        tex_coord: 0,
-        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+        ..TextureSlot::new(0)
     });
     let material = Material { occlusion_texture, occlusion_strength: 0.5, ..paint([0.8; 3], true) };
     let mut asset = scene(vec![(mesh, material, vec![Affine3A::IDENTITY])]);
@@ -329,10 +325,8 @@ fn checkered() -> Scene {
         ..TextureImage::default()
     };
     let slot = TextureSlot {
-        image: 0,
         sampler: Sampler { wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, filter: Filter::Trilinear },
-        tex_coord: 0,
-        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+        ..TextureSlot::new(0)
     };
     let material = Material { base_color_texture: Some(slot), ..paint([1.0; 3], true) };
     let mut asset = scene(vec![(mesh, material, vec![Affine3A::IDENTITY])]);

@@ -289,10 +289,7 @@ mod tests {
     fn textures_become_means_in_their_own_encoding() {
         let texels = vec![[0, 100, 20, 255], [255, 100, 40, 51]];
         let images = [TextureImage { width: 2, height: 1, texels, ..TextureImage::default() }];
-        let slot = || {
-            let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-            Some(TextureSlot { image: 0, sampler: Sampler::default(), tex_coord: 0, transform })
-        };
+        let slot = || Some(TextureSlot::new(0));
         let textured = Extensions {
             ior: 1.4,
             specular: Some(Specular { factor: 0.5, texture: slot(), ..Specular::default() }),

@@ -16,6 +16,14 @@ pub struct TextureSlot {
     pub transform: [[f32; 3]; 2],
 }
 
+impl TextureSlot {
+    /// An image by the default sampler, at the first set of texture coordinates as they are.
+    pub fn new(image: usize) -> Self {
+        let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        Self { image, sampler: Sampler::default(), tex_coord: 0, transform }
+    }
+}
+
 /// A metallic-roughness material; factors multiply their textures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {

@@ -4,6 +4,7 @@ use super::filter::downsample;
 use super::{Lookup, MipLayout, MipRule};
 use photofit_scalar::{linear_to_srgb_u8, srgb_table};
 use rayon::prelude::*;
+use std::sync::OnceLock;
 
 /// Texels of one or more levels, red, green, blue and alpha; alpha is always linear.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,6 +54,8 @@ pub struct MipTexture {
     texels: Texels,
     /// Bytes to linear light.
     decode: &'static [f32; 256],
+    /// Worked out when it is asked for.
+    mean: OnceLock<[f64; 4]>,
 }
 
 impl MipTexture {
@@ -95,7 +98,7 @@ impl MipTexture {
             )),
             Texels::F32(t) => Texels::F32(build(t, &layout, rule, |t| t, |t| t)),
         };
-        Self { layout, rule, texels, decode }
+        Self { layout, rule, texels, decode, mean: OnceLock::new() }
     }
 
     /// A texture whose levels, one after the other, are all given: those of a file that holds its own. `rule` is that by
@@ -106,7 +109,7 @@ impl MipTexture {
     pub fn with_levels(levels: Texels, layout: MipLayout, rule: MipRule) -> Self {
         assert_eq!(levels.len(), layout.texels(), "texels of all levels");
         assert!(rule != MipRule::Free, "a rule for new base levels");
-        Self { layout, rule, texels: levels, decode: srgb_table() }
+        Self { layout, rule, texels: levels, decode: srgb_table(), mean: OnceLock::new() }
     }
 
     /// Sizes and places of the levels.
@@ -124,8 +127,16 @@ impl MipTexture {
     /// # Panics
     /// If there are not as many texels as the base level has.
     pub fn set_base(&mut self, linear: &[[f32; 4]]) {
-        let layout = self.layout.clone();
-        *self = Self::new(Texels::F32(linear.to_vec()), layout, self.rule);
+        *self = self.with_base(linear);
+    }
+
+    /// The same with another base level, as by [`Self::set_base`].
+    ///
+    /// # Panics
+    /// As [`Self::set_base`].
+    #[must_use]
+    pub fn with_base(&self, linear: &[[f32; 4]]) -> Self {
+        Self::new(Texels::F32(linear.to_vec()), self.layout.clone(), self.rule)
     }
 
     /// The base level in linear light.
@@ -134,15 +145,17 @@ impl MipTexture {
         (0..level.width as usize * level.height as usize).map(|i| self.texel(i)).collect()
     }
 
-    /// The mean of the coarsest level in linear light.
+    /// The mean of the base level in linear light, all texels alike: exact where coarse levels are rounded. Worked out once.
     pub fn mean(&self) -> [f64; 4] {
-        let last = self.layout.levels()[self.layout.levels().len() - 1];
-        let count = last.width as usize * last.height as usize;
-        let mut sum = [0.0; 4];
-        for i in self.layout.texels() - count..self.layout.texels() {
-            sum.iter_mut().zip(self.texel(i)).for_each(|(s, v)| *s += f64::from(v));
-        }
-        sum.map(|s| s / count as f64)
+        *self.mean.get_or_init(|| {
+            let level = self.layout.levels()[0];
+            let count = level.width as usize * level.height as usize;
+            let mut sum = [0.0; 4];
+            for i in 0..count {
+                sum.iter_mut().zip(self.texel(i)).for_each(|(s, v)| *s += f64::from(v));
+            }
+            sum.map(|s| s / count as f64)
+        })
     }
 
     /// A texel in linear light.
@@ -284,6 +297,19 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// One white texel of 256 x 256: every coarse level beyond the first ones rounds it away.
+    #[test]
+    fn means_are_those_of_the_base_level() {
+        let side = 256;
+        let mut base = vec![[0, 0, 0, 255]; side * side];
+        base[side * 77 + 200] = [255; 4];
+        let mut texture = MipTexture::new(Texels::Srgb8(base), MipLayout::full(side, side), MipRule::Area);
+        let one = 1.0 / (side * side) as f64;
+        assert_eq!(texture.mean(), [one, one, one, 1.0]);
+        texture.set_base(&vec![[0.25, 3.0, 0.0, 1.0]; side * side]);
+        assert_eq!(texture.mean(), [0.25, 3.0, 0.0, 1.0], "another base has another mean");
     }
 
     #[test]

@@ -12,9 +12,7 @@ use photofit_fit::views::Lighting;
 use photofit_geometry::decimate::Target;
 use photofit_geometry::shapes;
 use photofit_scalar::vec3;
-use photofit_scene::{
-    Instance, Material, Primitive, Sampler, Scene, TextureEncoding, TextureImage, TextureSlot,
-};
+use photofit_scene::{Instance, Material, Primitive, Scene, TextureEncoding, TextureImage, TextureSlot};
 use std::path::Path;
 
 use crate::context::Context;
@@ -114,11 +112,10 @@ fn ball() -> Scene {
         let [x, y, z] = n.to_array().map(|x| (127.5 + 127.5 * x) as u8);
         [x, y, z, 255]
     };
-    let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
     let glossy = Material {
         metallic: 1.0,
         roughness: 0.3,
-        normal_texture: Some(TextureSlot { image: 0, sampler: Sampler::default(), tex_coord: 0, transform }),
+        normal_texture: Some(TextureSlot::new(0)),
         ..Material::clay()
     };
     let texels = (0..width * height).map(normal).collect();

@@ -366,8 +366,10 @@ fn a_path_traced_judgement_is_announced_and_can_be_bounded() {
     };
     let (out, err, f, page) = run(&["--judge-spp", "2"]);
     // 8 views of the asset and of at most 5 stages, 48 pixels a side.
-    let cost = "at most 48 pictures of 48 x 48 pixels, 2 samples each";
-    assert!(out.contains("run  path traced judgement") && out.matches(cost).count() == 2, "{out}");
+    let cost = "the report takes up to 48 pictures of 48 x 48 pixels, 2 samples each";
+    assert!(out.contains("run  path traced judgement") && out.matches(cost).count() == 1, "{out}");
+    let drawn = out.matches(" pictures of 48 x 48 pixels, 2 samples each").count();
+    assert_eq!(drawn, 2, "what was drawn is told without a bound: {out}");
     assert!(err.contains(cost) && err.contains("--judge raster"), "{err}");
     assert_eq!((&f["judged"], &f["judge_spp"]), (&"path traced".into(), &2.into()));
     let judged = "judged by path traced pictures of 48 x 48 pixels, 2 samples each";
@@ -396,7 +398,7 @@ fn an_effort_is_told_and_what_is_said_beside_it_counts() {
     let f = json(&d.join("f.json"));
     assert_eq!((f["effort"].as_str(), f["steps"].as_u64()), (Some("fast"), Some(3)));
     assert_eq!(f["views"].as_array().map(Vec::len), Some(2));
-    assert!(!text.contains("wrapped"), "one start: {text}");
+    assert!(f["baked"].is_null() && f["wrapped"].is_object(), "one start: {text}");
     assert!(
         text.contains("steps                  3 of at most 3") && text.contains("unseen triangles"),
         "{text}"
@@ -480,4 +482,17 @@ fn own_surfaces_vertex_colours_and_locked_borders_are_written_and_read_again() {
         assert_eq!(o.status.code(), Some(2), "{}", stderr(&o));
         assert!(stderr(&o).contains(part) && !d.join("no.glb").exists(), "{}", stderr(&o));
     }
+}
+
+#[test]
+fn steps_that_nothing_needs_are_told_with_the_reason() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 4, true);
+    let more = ["--max-bytes", "9000000", "--resolution", "32", "--texture-size", "32", "--effort", "fast"];
+    let more = [&["simplify", "rock.glb", "-o", "out.glb", "--steps", "7", "--explain"][..], &more].concat();
+    let text = stdout(&succeeds(d, &more));
+    assert!(text.contains("; 7 steps are asked for"), "{text}");
+    let reason = "skip steps                  all triangles fit into the bytes: nothing is missing";
+    assert_eq!(text.matches(reason).count(), 2, "before and after: {text}");
 }

@@ -3,7 +3,7 @@
 use photofit_geometry::Mesh;
 use photofit_geometry::shapes::displaced_sphere;
 use photofit_scalar::vec2;
-use photofit_scene::{Instance, Material, Primitive, Sampler, Scene, TextureImage, TextureSlot};
+use photofit_scene::{Instance, Material, Primitive, Scene, TextureImage, TextureSlot};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -86,12 +86,7 @@ pub(crate) fn rock(frequency: u32, textured: bool) -> Scene {
             ..TextureImage::default()
         });
         material.base_color = [1.0; 4];
-        material.base_color_texture = Some(TextureSlot {
-            image: 0,
-            sampler: Sampler::default(),
-            tex_coord: 0,
-            transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-        });
+        material.base_color_texture = Some(TextureSlot::new(0));
     }
     of_mesh(mesh, material, images)
 }

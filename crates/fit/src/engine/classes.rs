@@ -34,6 +34,8 @@ pub struct MaterialClass {
     pub unlit: bool,
     /// Vertex normals point to the back of the triangles, as those of the asset do.
     pub opposed: bool,
+    /// Share of alpha that is drawn where light passes through: less than the file says, and no parameter.
+    pub see_through: Option<f32>,
     /// Extensions of the written material; their textures have become mean values.
     pub extensions: Option<Box<Extensions>>,
 }
@@ -47,6 +49,7 @@ impl MaterialClass {
         sides: Sides::Front,
         unlit: false,
         opposed: false,
+        see_through: None,
         extensions: None,
     };
 
@@ -66,9 +69,18 @@ impl MaterialClass {
         format!("{asset}{alpha}{unlit}{}", more.collect::<String>())
     }
 
-    /// Whether alpha is drawn that the file must not have.
+    /// Whether light passes through, so that another alpha is drawn than the file has.
     pub fn is_see_through(&self) -> bool {
-        self.drawn == AlphaMode::Blend && self.written != AlphaMode::Blend
+        self.see_through.is_some()
+    }
+
+    /// Alpha in the file of what pictures of a fit draw with this one.
+    pub fn written_alpha(&self, drawn: f32) -> f32 {
+        match self.see_through {
+            Some(_) if self.written == AlphaMode::Opaque => 1.0,
+            Some(share) => (drawn / share).min(1.0),
+            None => drawn,
+        }
     }
 }
 
@@ -85,7 +97,8 @@ pub(crate) fn classes(scene: &Scene) -> (Vec<MaterialClass>, Vec<u32>) {
             AlphaMode::Mask { .. } => MASK,
             mode => mode,
         };
-        let drawn = if transmits(m) { AlphaMode::Blend } else { written };
+        let see_through = transmits(m).then(|| drawn_share(m));
+        let drawn = if see_through.is_some() { AlphaMode::Blend } else { written };
         MaterialClass {
             name: String::new(),
             drawn,
@@ -93,6 +106,7 @@ pub(crate) fn classes(scene: &Scene) -> (Vec<MaterialClass>, Vec<u32>) {
             sides: Sides::of(m.double_sided),
             unlit: m.unlit,
             opposed: false,
+            see_through,
             extensions: kept(scene, i),
         }
     };
@@ -121,7 +135,7 @@ pub(crate) fn drawn(scene: &Scene) -> Cow<'_, Scene> {
     let mut scene = scene.clone();
     for m in scene.materials.iter_mut().filter(|m| transmits(m)) {
         let alpha = if m.alpha_mode == AlphaMode::Opaque { 1.0 } else { m.base_color[3] };
-        m.base_color[3] = alpha * (1.0 - transmission(m).clamp(0.0, 1.0) * (1.0 - LEAST_OPACITY));
+        m.base_color[3] = alpha * drawn_share(m);
         m.alpha_mode = AlphaMode::Blend;
     }
     Cow::Owned(scene)
@@ -130,6 +144,11 @@ pub(crate) fn drawn(scene: &Scene) -> Cow<'_, Scene> {
 /// Whether light passes through a material, which an alpha mask does not cut out.
 pub(crate) fn transmits(m: &Material) -> bool {
     transmission(m) > 0.0 && !m.unlit && !matches!(m.alpha_mode, AlphaMode::Mask { .. })
+}
+
+/// Share of alpha that is drawn of a material through which light passes.
+fn drawn_share(m: &Material) -> f32 {
+    1.0 - transmission(m).clamp(0.0, 1.0) * (1.0 - LEAST_OPACITY)
 }
 
 /// Share of the light that passes.
@@ -289,6 +308,20 @@ mod tests {
         assert!(classes[4].unlit && classes[4].extensions.is_none() && !classes[3].unlit);
         let see_through: Vec<bool> = classes.iter().map(MaterialClass::is_see_through).collect();
         assert_eq!(see_through, [false, true, false, false, false]);
+    }
+
+    #[test]
+    fn glass_is_see_through_whatever_its_alpha_means() {
+        for (alpha_mode, written) in [(AlphaMode::Opaque, 1.0), (AlphaMode::Blend, 0.8)] {
+            let mut s = scene();
+            (s.materials[1].alpha_mode, s.materials[1].base_color[3]) = (alpha_mode, 0.8);
+            let (classes, of) = classes(&s);
+            let class = &classes[of[1] as usize];
+            assert!(class.is_see_through() && class.written == alpha_mode);
+            let shown = drawn(&s).materials[1].base_color[3];
+            assert!((class.written_alpha(shown) - written).abs() < 1e-6, "{alpha_mode:?}: {shown}");
+        }
+        assert!((MaterialClass::PLAIN.written_alpha(0.3) - 0.3).abs() < 1e-6);
     }
 
     #[test]

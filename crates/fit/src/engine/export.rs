@@ -71,7 +71,7 @@ impl Written {
         let (width, height) = (level.width, level.height);
         let mut texels = level.texels.clone();
         let owned = mesh_coverage(&mesh.uvs, &mesh.triangles, width, height, true).mask();
-        make_opaque(&mut texels, candidate, light, (width, height));
+        write_alpha(&mut texels, candidate, light, (width, height));
         show_unlit(&mut texels, candidate, light, (width, height));
         dilate(&mut texels, &owned, width, height, None);
         Self { width, height, texels, owned }
@@ -84,7 +84,7 @@ fn change(
     candidate: &Candidate,
     (width, height): (usize, usize),
     wanted: impl Fn(usize) -> bool,
-    change: impl Fn(&mut [f32; CHANNELS]),
+    change: impl Fn(usize, &mut [f32; CHANNELS]),
 ) {
     let triangles = candidate.triangles.iter().zip(&candidate.class);
     let triangles: Vec<[u32; 3]> = triangles.filter(|(_, c)| wanted(**c as usize)).map(|(t, _)| *t).collect();
@@ -92,18 +92,23 @@ fn change(
         return;
     }
     let drawn = mesh_coverage(&candidate.uvs, &triangles, width, height, true).mask();
-    texels.iter_mut().zip(drawn).filter(|(_, drawn)| *drawn).for_each(|(texel, _)| change(texel));
+    let texels = texels.iter_mut().enumerate().zip(drawn).filter(|(_, drawn)| *drawn);
+    texels.for_each(|((i, texel), _)| change(i, texel));
 }
 
-/// Removes the alpha with which glass is drawn.
-fn make_opaque(
+/// Gives glass, which is drawn with less alpha than it has, the alpha that it has.
+fn write_alpha(
     texels: &mut [[f32; CHANNELS]],
     candidate: &Candidate,
     light: &LightAsset,
     size: (usize, usize),
 ) {
-    let glass = |c: usize| light.classes[c].is_see_through();
-    change(texels, candidate, size, glass, |texel| texel[channel::ALPHA] = 1.0);
+    // Triangles of several classes may show one texel.
+    let drawn: Vec<f32> = texels.iter().map(|t| t[channel::ALPHA]).collect();
+    for (k, class) in light.classes.iter().enumerate().filter(|(_, class)| class.is_see_through()) {
+        let write = |i: usize, t: &mut [f32; CHANNELS]| t[channel::ALPHA] = class.written_alpha(drawn[i]);
+        change(texels, candidate, size, |c| c == k, write);
+    }
 }
 
 /// Turns the emission with which unlit surfaces are drawn into the base colour that their material shows.
@@ -118,7 +123,7 @@ fn show_unlit(
         candidate,
         size,
         |c| light.classes[c].unlit,
-        |texel| {
+        |_, texel| {
             for k in 0..3 {
                 texel[channel::BASE_COLOR + k] = texel[channel::EMISSIVE + k];
                 texel[channel::EMISSIVE + k] = 0.0;
@@ -155,10 +160,8 @@ fn part(mesh: &Mesh, class: &[u32], wanted: impl Fn(u32) -> bool) -> Mesh {
 pub(crate) fn atlas_slot(image: usize) -> TextureSlot {
     let wrap = Wrap::ClampToEdge;
     TextureSlot {
-        image,
         sampler: Sampler { wrap_u: wrap, wrap_v: wrap, filter: Filter::Trilinear },
-        tex_coord: 0,
-        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+        ..TextureSlot::new(image)
     }
 }
 
@@ -230,4 +233,52 @@ fn material(scene: &mut Scene, levels: &[Written], transparent: bool) -> Materia
         });
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::classes::drawn;
+    use crate::engine::plan::tests::{candidate, scene};
+    use crate::engine::{Normalised, vertex_colors};
+    use photofit_scene::{Extensions, Transmission};
+
+    #[test]
+    fn alpha_of_glass_is_written_so_that_it_is_drawn_as_in_the_fit() {
+        let glass = |factor| {
+            let transmission = Some(Transmission { factor, texture: None });
+            Some(Box::new(Extensions { transmission, ..Extensions::default() }))
+        };
+        for (alpha_mode, factor) in
+            [(AlphaMode::Blend, 1.0), (AlphaMode::Blend, 0.5), (AlphaMode::Opaque, 1.0)]
+        {
+            let base_color = [0.9, 0.5, 0.2, 0.8];
+            let asset =
+                scene(Material { base_color, alpha_mode, extensions: glass(factor), ..Material::clay() });
+            let (light, class) = LightAsset::of(&asset, Normalised::new(&asset).unwrap().frame());
+            // Maps hold what is baked from the asset as a fit draws it.
+            let shown = drawn(&asset).materials[0].base_color[3];
+            let mut sheet = candidate(AlphaMode::Blend, |_, t| {
+                t[..3].copy_from_slice(&base_color[..3]);
+                t[channel::ALPHA] = shown;
+            });
+            sheet.class.fill(class[0]);
+            sheet.classes = light.drawn_classes();
+            for made in [to_scene(&sheet, &light), vertex_colors::colored(&sheet, &light).scene] {
+                let alpha = |scene: &Scene| {
+                    let m = &scene.materials[0];
+                    let texel = m.base_color_texture.map_or(1.0, |s| {
+                        let image = &scene.images[s.image];
+                        f32::from(image.texels[image.texels.len() / 2][3]) / 255.0
+                    });
+                    let vertex = scene.primitives[0].mesh.colors.first().map_or(1.0, |c| c.w);
+                    m.base_color[3] * texel * vertex
+                };
+                let written = if alpha_mode == AlphaMode::Blend { 0.8 } else { 1.0 };
+                assert!((alpha(&made) - written).abs() < 3e-3, "{alpha_mode:?}, {factor}: {}", alpha(&made));
+                let judged = alpha(&drawn(&made));
+                assert!((judged - shown).abs() < 3e-3, "{alpha_mode:?}, {factor}: {judged}, fitted {shown}");
+            }
+        }
+    }
 }

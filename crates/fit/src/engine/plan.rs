@@ -35,8 +35,22 @@ pub struct SurfacePlan {
     pub fitted: [bool; CHANNELS],
     /// Whether the outlines of masks are fitted, so that masks fade in the steps.
     pub fades: bool,
+    /// Whether each sample varies over the baked maps and stays as it is.
+    held: [bool; CHANNELS],
     /// Whether coarse mip levels have texels of their own.
     free_mips: bool,
+}
+
+/// Whether a sample varies over the base level of maps.
+fn varies(candidate: &Candidate, c: usize) -> bool {
+    let base = &candidate.maps.levels[0].texels;
+    let (lo, hi) = base.iter().fold((f32::MAX, f32::MIN), |(lo, hi), t| (lo.min(t[c]), hi.max(t[c])));
+    hi - lo > CONSTANT
+}
+
+/// Whether each sample varies and is not fitted, where these are.
+pub(super) fn held(candidate: &Candidate, fitted: [bool; CHANNELS]) -> [bool; CHANNELS] {
+    std::array::from_fn(|c| c <= channel::OCCLUSION && !fitted[c] && varies(candidate, c))
 }
 
 impl SurfacePlan {
@@ -47,10 +61,7 @@ impl SurfacePlan {
         let used = |is: fn(&SurfaceClass) -> bool| {
             candidate.class.iter().any(|c| is(&candidate.classes[*c as usize]))
         };
-        let varies = |c: usize| {
-            let (lo, hi) = base.iter().fold((f32::MAX, f32::MIN), |(lo, hi), t| (lo.min(t[c]), hi.max(t[c])));
-            hi - lo > CONSTANT
-        };
+        let varies = |c: usize| varies(candidate, c);
         let metallic = any(channel::METALLIC, &|x| x > 0.02);
         let mut fitted = [false; CHANNELS];
         // Shadows and light between surfaces go into the base colour.
@@ -84,15 +95,16 @@ impl SurfacePlan {
             map_gradients: fitted.contains(&true),
             energy: ENERGY,
         };
-        Self { passes, fitted, fades: false, free_mips: candidate.fitted_levels() > 1 }
+        let held = held(candidate, fitted);
+        Self { passes, fitted, fades: false, held, free_mips: candidate.fitted_levels() > 1 }
     }
 
     /// What a fit of so many steps does with the surface.
     pub(crate) fn work(&self, steps: u64) -> Work {
         let rates = rates_of(self.fitted);
         let coarse = self.free_mips.then(|| coarse_rates(rates));
-        let passes = self.passes;
-        Work { passes, rates, coarse, moves: passes.position_gradients, steps: steps > 0 }
+        let Self { passes, held, .. } = *self;
+        Work { passes, rates, coarse, held, moves: passes.position_gradients, steps: steps > 0 }
     }
 }
 

@@ -3,8 +3,8 @@
 use super::cpu::Chain;
 use super::loss::PictureLoss;
 use super::model::{Group, GroupName, ModelError};
-use super::plan::SurfacePlan;
 use super::plan::rows::Work;
+use super::plan::{SurfacePlan, held};
 use super::views::Shot;
 use crate::FitError;
 use crate::candidate::{Candidate, ParameterGradients};
@@ -204,7 +204,8 @@ impl Surface {
     /// What a fit of so many steps does with it.
     pub(crate) fn work(&self, steps: u64) -> Work {
         let coarse = (self.candidate.fitted_levels() > 1).then(|| coarse_rates(self.rates));
-        Work { passes: self.passes, rates: self.rates, coarse, moves: self.moves, steps: steps > 0 }
+        let held = held(&self.candidate, self.rates.map(|r| r > 0.0));
+        Work { passes: self.passes, rates: self.rates, coarse, held, moves: self.moves, steps: steps > 0 }
     }
 
     /// Whether the positions are fitted too. Silhouettes are blended for their gradients alone.

@@ -185,6 +185,13 @@ pub struct Trained<A> {
     pub stopped: bool,
 }
 
+impl<A> Trained<A> {
+    /// The step up to which it came, those counted that phases left out when they ended early: phases that begin before it ran.
+    pub(crate) fn reached(&self) -> u64 {
+        self.history.last().map_or(0, |h| h.step)
+    }
+}
+
 struct Trainer<'a, M: Model> {
     job: &'a Job<'a>,
     model: M,

@@ -119,12 +119,12 @@ fn visit(candidate: &Candidate, mesh: &Mesh, t: usize, mut each: impl FnMut([f64
 
 fn samples(candidate: &Candidate, mesh: &Mesh, light: &LightAsset, t: usize) -> Vec<Sample> {
     let class = &light.classes[candidate.class[t] as usize];
-    // Unlit surfaces are drawn as emission; glass with an alpha that is not written.
+    // Unlit surfaces are drawn as emission; glass with less alpha than it has.
     let first = if class.unlit { channel::EMISSIVE } else { channel::BASE_COLOR };
     let opaque = class.written == AlphaMode::Opaque;
     let mut out = Vec::new();
     visit(candidate, mesh, t, |weights, area, x| {
-        let alpha = if opaque { 1.0 } else { f64::from(x[channel::ALPHA]) };
+        let alpha = if opaque { 1.0 } else { f64::from(class.written_alpha(x[channel::ALPHA])) };
         let [r, g, b] = [0, 1, 2].map(|k| f64::from(x[first + k]));
         out.push(Sample { weights, area, color: [r, g, b, alpha] });
     });
@@ -303,13 +303,12 @@ mod tests {
     use crate::{Progress, Silent};
     use photofit_geometry::decimate::Target;
     use photofit_geometry::shapes::uv_sphere;
-    use photofit_scene::{Sampler, TextureImage, TextureSlot};
+    use photofit_scene::{TextureImage, TextureSlot};
     use std::sync::Mutex;
 
     /// A sphere with a texture.
     fn sphere(texel: impl Fn(usize, usize) -> [u8; 4]) -> Scene {
-        let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-        let slot = |image| Some(TextureSlot { image, sampler: Sampler::default(), tex_coord: 0, transform });
+        let slot = |image| Some(TextureSlot::new(image));
         let texels = (0..64 * 64).map(|k| texel(k % 64, k / 64)).collect();
         let image = TextureImage { width: 64, height: 64, texels, ..TextureImage::default() };
         let flat = TextureImage { width: 1, height: 1, texels: vec![[255, 51, 204, 255]], ..image.clone() };

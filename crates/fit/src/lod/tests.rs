@@ -256,10 +256,8 @@ fn fence() -> Scene {
     mesh.tangents.clear();
     let wrap = Wrap::ClampToEdge;
     let slot = TextureSlot {
-        image: 0,
         sampler: Sampler { wrap_u: wrap, wrap_v: wrap, filter: Filter::Bilinear },
-        tex_coord: 0,
-        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+        ..TextureSlot::new(0)
     };
     let texel = |i: usize| if bar(i % 512) { [230, 230, 230, 255] } else { [230, 230, 230, 0] };
     Scene {

@@ -8,7 +8,7 @@ use glam::{Affine3A, Vec3};
 use photofit_geometry::shapes;
 use photofit_image::Image;
 use photofit_scalar::{Vec3f, vec2, vec3};
-use photofit_scene::{Camera, Instance, Primitive, Sampler, SurfaceLibrary, TextureImage, TextureSlot};
+use photofit_scene::{Camera, Instance, Primitive, SurfaceLibrary, TextureImage, TextureSlot};
 use photofit_shading::Light;
 use serde_json::{Value, json};
 
@@ -34,12 +34,7 @@ fn sphere(unlit: bool) -> Scene {
         texels: (0..64 * 64).map(texel).collect(),
         ..TextureImage::default()
     };
-    let slot = TextureSlot {
-        image: 0,
-        sampler: Sampler::default(),
-        tex_coord: 0,
-        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-    };
+    let slot = TextureSlot::new(0);
     let material = Material {
         base_color: [1.0; 4],
         base_color_texture: Some(slot),

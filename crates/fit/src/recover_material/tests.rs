@@ -6,7 +6,7 @@ use crate::engine::chain::part_folder;
 use photofit_geometry::{Mesh, shapes};
 use photofit_image::downsample;
 use photofit_scalar::{vec2, vec3};
-use photofit_scene::{Instance, Material, Primitive, Sampler, TextureImage, TextureSlot};
+use photofit_scene::{Instance, Material, Primitive, TextureImage, TextureSlot};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -14,8 +14,7 @@ const TEXELS: usize = 16;
 
 /// A slot of an image.
 fn slot(image: usize) -> Option<TextureSlot> {
-    let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-    Some(TextureSlot { image, sampler: Sampler::default(), tex_coord: 0, transform })
+    Some(TextureSlot::new(image))
 }
 
 /// A floor with a map of colours, and a ball with one of roughness on it.

@@ -22,6 +22,7 @@ use photofit_scene::graph::{Bitmap, SurfaceGraph, SurfaceNode, Texture};
 use photofit_scene::{Filter, Wrap};
 use photofit_shading::bsdf::{Bsdf, Diffuse};
 use std::sync::Arc;
+use std::time::Duration;
 
 const SIDE: usize = 24;
 const TEXELS: usize = 16;
@@ -114,6 +115,27 @@ fn colours_light_and_texture_are_found_again() {
     let first = r.history.first().expect("an evaluation").quality;
     let best = r.history.iter().map(|h| h.quality).fold(first, f64::max);
     assert!(best > first + 6.0, "{first} {best}");
+}
+
+#[test]
+fn the_plan_tells_the_steps_that_were_made() {
+    let target = model(Smoothing::Laplacian).picture(&view(), 4, 99).expect("rendered");
+    for (limit, made) in [(None, 2), (Some(Duration::ZERO), 0)] {
+        let keeping = Keeping { time_limit: limit, ..Keeping::default() };
+        let options = RecoverSceneOptions { steps: 2, keeping, ..RecoverSceneOptions::default() };
+        let r = recover_scene(
+            model(Smoothing::Laplacian),
+            &[view()],
+            std::slice::from_ref(&target),
+            &options,
+            &Silent,
+        )
+        .expect("fits");
+        assert_eq!((r.steps, r.plan.phases.len()), (made, usize::from(made > 0)));
+        for what in ["material gradients", "texture gradients", "smoothed steps"] {
+            assert_eq!(r.plan.runs(what), Some((made > 0).into()), "{what}: {}", r.plan);
+        }
+    }
 }
 
 #[test]

@@ -146,7 +146,7 @@ mod tests {
     use glam::{Affine3A, Vec3};
     use photofit_geometry::Mesh;
     use photofit_scalar::{vec2, vec3};
-    use photofit_scene::{Instance, Primitive, Sampler, TextureImage, TextureSlot, to_glb};
+    use photofit_scene::{Instance, Primitive, TextureImage, TextureSlot, to_glb};
 
     /// A square of 2 units whose texture coordinates cover a quarter of a 64 x 32 texture.
     fn square() -> Scene {
@@ -158,12 +158,7 @@ mod tests {
             triangles: vec![[0, 1, 2], [0, 2, 3]],
             ..Mesh::default()
         };
-        let slot = TextureSlot {
-            image: 0,
-            sampler: Sampler::default(),
-            tex_coord: 0,
-            transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-        };
+        let slot = TextureSlot::new(0);
         Scene {
             primitives: vec![Primitive { mesh, material: 0 }],
             instances: vec![Instance { primitive: 0, transform: Affine3A::IDENTITY }],

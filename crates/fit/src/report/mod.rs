@@ -161,14 +161,13 @@ fn significant(x: f64) -> String {
 }
 
 fn table(o: &Outcome) -> String {
+    let start = |start: Written| format!("{} with baked {}: a start", start.start(), o.surfacing.in_words());
     let what = |name: &str| match name {
-        "decimated" => "the asset's own materials on as many triangles",
-        "baked" => "new atlas, maps baked from the asset",
-        "wrapped" => "drawn onto the asset's surface, then baked; the fit starts from the better of the two",
-        FITTED if o.written == Written::Fitted => "the written file, loaded again",
-        FITTED => "what was fitted, which is not in the file",
-        FILE => "the written file, loaded again",
-        _ => "",
+        "decimated" => "the asset's own materials on as many triangles".to_owned(),
+        FITTED if o.written == Written::Fitted => "the written file, loaded again".to_owned(),
+        FITTED => "what was fitted, which is not in the file".to_owned(),
+        FILE => "the written file, loaded again".to_owned(),
+        name => Written::STARTS.into_iter().find(|s| s.name() == name).map_or_else(String::new, start),
     };
     let row = |(name, q): &(&str, Quality)| {
         format!(

@@ -1,6 +1,6 @@
 //! The verdict of a report: does the light asset look like the asset?
 
-use crate::simplify::{Outcome, Quality, Written};
+use crate::simplify::{ORIGINAL, Outcome, Quality, Surfacing, Written};
 use std::fmt;
 
 /// Mean FLIP over all views, and FLIP of the worst view, up to which two assets look the same.
@@ -11,8 +11,6 @@ const CLOSE: [f64; 2] = [0.08, 0.12];
 /// A stage is better than the written file where its PSNR is higher by more than this, in decibels, and its FLIP lower:
 /// the views of the choice are others than those of the report, and differences below are noise between the two.
 const MARGIN: f64 = 0.1;
-/// The stage of the asset itself, which has all of its triangles.
-const NOT_LIGHT: &str = "original";
 
 /// How much the written file looks like the asset, in views and lights that the fit never saw.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,6 +27,8 @@ pub struct Verdict {
     pub better: Option<(&'static str, Quality)>,
     /// What was written.
     pub written: Written,
+    /// What it has in place of the asset's surface, where something was baked or fitted.
+    pub surfacing: Surfacing,
     /// Whether steps of a fit were made.
     pub fitted: bool,
     /// The asset itself drawn the same way, where engines draw it: with one sample a pixel it differs from the reference
@@ -79,16 +79,17 @@ impl Verdict {
         let all = &o.stages;
         let Some(k) = all.len().checked_sub(1) else { return Self::new(&[], None) };
         let of = |k: usize| o.views.iter().map(|v| v.quality[k].quality).collect::<Vec<Quality>>();
-        let original = all.iter().position(|s| s.0 == NOT_LIGHT).map(of);
+        let original = all.iter().position(|s| s.0 == ORIGINAL).map(of);
         let better = better(&all[..k], &all[k].1);
-        Self { better, written: o.written, fitted: o.steps > 0, ..Self::new(&of(k), original.as_deref()) }
+        let (written, surfacing, fitted) = (o.written, o.surfacing, o.steps > 0);
+        Self { better, written, surfacing, fitted, ..Self::new(&of(k), original.as_deref()) }
     }
 
     /// Of views, and of the asset itself in the same ones.
     fn new(views: &[Quality], original: Option<&[Quality]>) -> Self {
         let mean = Quality::mean(views.iter());
         let worst = views.iter().copied().enumerate().max_by(|a, b| a.1.flip.total_cmp(&b.1.flip));
-        let (written, fitted, better) = (Written::Fitted, true, None);
+        let (written, surfacing, fitted, better) = (Written::Fitted, Surfacing::Maps, true, None);
         let likeness = match original {
             _ if views.is_empty() => Likeness::Unknown,
             None => Likeness::of(mean.flip, worst.map_or(0.0, |w| w.1.flip)),
@@ -100,14 +101,14 @@ impl Verdict {
             }
         };
         let original = original.map(|o| Quality::mean(o.iter()));
-        Self { likeness, mean, worst, views: views.len(), better, written, fitted, original }
+        Self { likeness, mean, worst, views: views.len(), better, written, surfacing, fitted, original }
     }
 }
 
 /// The stage with the highest PSNR among those beside the written file that are clearly better than the written file.
 fn better(stages: &[(&'static str, Quality)], written: &Quality) -> Option<(&'static str, Quality)> {
     let clearly = |q: &Quality| q.psnr > written.psnr + MARGIN && q.flip < written.flip;
-    let stages = stages.iter().filter(|(name, q)| *name != NOT_LIGHT && clearly(q));
+    let stages = stages.iter().filter(|(name, q)| *name != ORIGINAL && clearly(q));
     stages.max_by(|a, b| a.1.psnr.total_cmp(&b.1.psnr)).copied()
 }
 
@@ -128,32 +129,40 @@ impl fmt::Display for Verdict {
         if let Some(original) = &self.original {
             write!(f, "; the asset itself drawn so: {} dB, FLIP {:.3}", original.decibels(1), original.flip)?;
         }
-        f.write_str(match self.written {
-            Written::Fitted | Written::Kept => "",
-            Written::Rebaked => "; written is the fitted shape with maps baked anew, which looked best",
-            Written::Wrapped | Written::Baked if !self.fitted => {
-                "; written are baked maps: no steps were made"
+        let (maps, start) = (self.surfacing.in_words(), self.written.start());
+        match self.written {
+            Written::Fitted | Written::Kept => Ok(()),
+            Written::Rebaked => {
+                write!(f, "; written is the fitted shape with {maps} baked anew, which looked best")
             }
-            Written::Wrapped | Written::Baked => {
-                "; no fit looked better than its start, baked maps, which is what was written"
+            Written::Wrapped | Written::Sphere | Written::Baked if !self.fitted => {
+                write!(f, "; written is {start} with baked {maps}: no steps were made")
             }
+            Written::Wrapped | Written::Sphere | Written::Baked => write!(
+                f,
+                "; no fit looked better than its start, {start} with baked {maps}, which is what was written"
+            ),
             Written::Decimated if !self.fitted => {
-                "; no baked maps looked better than fewer triangles alone, which is what was written"
+                write!(
+                    f,
+                    "; no baked {maps} looked better than fewer triangles alone, which is what was written"
+                )
             }
             Written::Decimated => {
-                "; no fit looked better than fewer triangles alone, which is what was written"
+                f.write_str("; no fit looked better than fewer triangles alone, which is what was written")
             }
-            Written::Whole => "; written is the asset as it was given: no other file took so few bytes",
-        })?;
+            Written::Whole => {
+                f.write_str("; written is the asset as it was given: no other file took so few bytes")
+            }
+        }?;
         if let Some((name, q)) = &self.better {
+            let start = |start: Written| format!(" ({} with baked {maps})", start.start());
             let what = match *name {
-                "decimated" => " (as many triangles with the asset's own materials and all their texels)",
-                "baked" => " (the decimated shape with baked maps)",
+                "decimated" => " (as many triangles with the asset's own materials and all their texels)".into(),
                 "fitted" => {
-                    " (the fit, which looked worse in the views of the choice or takes more bytes than allowed)"
+                    " (the fit, which looked worse in the views of the choice or takes more bytes than allowed)".into()
                 }
-                "wrapped" => " (the decimated shape drawn onto the asset, with baked maps)",
-                _ => "",
+                name => Written::STARTS.into_iter().find(|s| s.name() == name).map_or_else(String::new, start),
             };
             write!(
                 f,
@@ -193,9 +202,11 @@ mod tests {
             assert!(text.ends_with(sentence), "{text}");
             assert_eq!(text.matches("decimated").count(), 1, "{text}");
         }
-        for (name, words) in
-            [("baked", "baked (the decimated"), ("wrapped", "wrapped (the"), ("start", "start scores")]
-        {
+        for (name, words) in [
+            ("baked", "baked (the decimated asset with baked maps)"),
+            ("sphere", "sphere (a"),
+            ("start", "start scores"),
+        ] {
             let better = Some((name, q(33.0, 0.03)));
             let text = Verdict { better, ..Verdict::new(&[q(30.0, 0.05)], None) }.to_string();
             assert!(text.contains(&format!(". What the table calls {words}")), "{text}");
@@ -207,10 +218,21 @@ mod tests {
         let told = |written, fitted| {
             Verdict { written, fitted, ..Verdict::new(&[Quality::default()], None) }.to_string()
         };
-        for written in [Written::Baked, Written::Wrapped, Written::Decimated] {
+        for written in [Written::Baked, Written::Wrapped, Written::Sphere, Written::Decimated] {
             assert!(told(written, true).contains("no fit looked better"), "{written:?}");
             assert!(!told(written, false).contains("no fit"), "{written:?}");
         }
+        let start = |written, surfacing| {
+            Verdict { written, surfacing, ..Verdict::new(&[Quality::default()], None) }.to_string()
+        };
+        assert!(
+            start(Written::Sphere, Surfacing::Maps)
+                .contains("a sphere, drawn onto the asset's surface, with baked maps")
+        );
+        assert!(
+            start(Written::Wrapped, Surfacing::VertexColors)
+                .contains("surface, with baked colours of vertices")
+        );
         assert!(told(Written::Whole, false).ends_with("as it was given: no other file took so few bytes"));
     }
 

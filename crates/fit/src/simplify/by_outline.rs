@@ -105,10 +105,10 @@ pub(super) fn planned(options: &SimplifyOptions) -> Item {
 /// Why there is nothing to try.
 fn needless(from: Option<&Candidate>, options: &SimplifyOptions) -> Option<String> {
     let why = match (from, options.target) {
+        (Some(_), _) => "the fit starts from the level before",
         _ if !options.init.is_decimated() => {
             return Some(format!("the fit starts from {}", options.init.name()));
         }
-        (Some(_), _) => "the fit starts from the level before",
         (_, Target::Error(_) | Target::ScreenSize(_)) => {
             "the budget is an error: other weights mean other numbers of triangles"
         }

@@ -197,32 +197,37 @@ impl Budget<'_> {
             let bytes = large.map(|(s, _)| Ok(triangles::geometry(s, options.compression)?[1] as u64));
             let least = bytes.collect::<Result<Vec<u64>, FitError>>()?.into_iter().min().unwrap_or(0);
             let files = Files::new(light, &asked, most.saturating_sub(least), options, progress)?;
-            let ways = self.ways(&files)?;
+            let variants = self.variants(&files)?;
             for (made, shape) in out.iter_mut().zip(&bare).filter(|(made, _)| made.is_none()) {
-                *made = Some(self.fitted(&files, ways.as_deref(), shape)?);
+                *made = Some(self.fitted(&files, variants.as_deref(), shape)?);
             }
         }
         Ok(out.into_iter().flatten().collect())
     }
 
     /// What the files of each image cost and lose, where images are few and there is time to measure it.
-    fn ways(&self, files: &Files) -> Result<Option<Vec<Vec<Variant>>>, FitError> {
+    fn variants(&self, files: &Files) -> Result<Option<Vec<Vec<Variant>>>, FitError> {
         if !(2..=IMAGES_MAX).contains(&files.images.len()) || self.progress.is_cancelled() {
             return Ok(None);
         }
         let trials = files.trials();
-        Ok(Some(files.ways(&self.rasterized(files, trials.len(), &|i| files.trial(&trials[i]))?)))
+        Ok(Some(files.variants(&self.rasterized(files, trials.len(), &|i| files.trial(&trials[i]))?)))
     }
 
     /// A shape with the textures that look best among those with which the file fits.
-    fn fitted(&self, files: &Files, ways: Option<&[Vec<Variant>]>, bare: &Scene) -> Result<Made, FitError> {
+    fn fitted(
+        &self,
+        files: &Files,
+        variants: Option<&[Vec<Variant>]>,
+        bare: &Scene,
+    ) -> Result<Made, FitError> {
         let made = |choice: &Choice| Made::new(files.with(bare, choice)?, files.compression);
         let smallest = files.smallest();
         let least = made(&smallest)?;
         let others = least.bytes.saturating_sub(files.bytes(&smallest)) + (AROUND * smallest.len()) as u64;
         let room = self.most.saturating_sub(others);
         let mut choices = files.alike(room);
-        choices.extend(ways.and_then(|ways| files.apart(ways, room)));
+        choices.extend(variants.and_then(|variants| files.apart(variants, room)));
         let fitting = choices.iter().map(|choice| Ok((choice, made(choice)?)));
         let mut fitting = fitting.collect::<Result<Vec<(&Choice, Made)>, FitError>>()?;
         fitting.retain(|(_, made)| made.bytes <= self.most);
@@ -283,8 +288,8 @@ fn coarsest(size: &Size) -> usize {
 }
 
 /// An image as it is read from one of its files.
-fn image(sizes: &[Size], [size, way]: [usize; 2]) -> Result<TextureImage, FitError> {
-    Ok(sizes[size].files[way].image.clone().read_again()?)
+fn image(sizes: &[Size], [size, file]: [usize; 2]) -> Result<TextureImage, FitError> {
+    Ok(sizes[size].files[file].image.clone().read_again()?)
 }
 
 impl Files {
@@ -341,17 +346,17 @@ impl Files {
         let mut out: Vec<Choice> = Vec::new();
         let last = self.images.iter().flatten().map(|s| s.halvings).max().unwrap_or(0);
         for halvings in 0..=last {
-            let choice = |way: usize| -> Choice {
+            let choice = |file: usize| -> Choice {
                 let at = |sizes: &Vec<Size>| halvings.saturating_sub(sizes[0].halvings).min(sizes.len() - 1);
-                self.images.iter().map(|sizes| [at(sizes), way]).collect()
+                self.images.iter().map(|sizes| [at(sizes), file]).collect()
             };
-            let error = |way: usize| {
-                let each = choice(way).into_iter().zip(&self.images);
+            let error = |file: usize| {
+                let each = choice(file).into_iter().zip(&self.images);
                 each.map(|([s, w], sizes)| sizes[s].files[w].error).sum::<f64>()
             };
-            let mut ways: Vec<usize> = (0..self.encodings).collect();
-            ways.sort_by(|a, b| error(*a).total_cmp(&error(*b)));
-            out.extend(ways.into_iter().map(choice).find(|choice| self.bytes(choice) <= room));
+            let mut files: Vec<usize> = (0..self.encodings).collect();
+            files.sort_by(|a, b| error(*a).total_cmp(&error(*b)));
+            out.extend(files.into_iter().map(choice).find(|choice| self.bytes(choice) <= room));
         }
         out.dedup();
         out
@@ -376,22 +381,22 @@ impl Files {
     }
 
     /// What the files of each image cost and lose, by the scores of [`Self::trials`].
-    fn ways(&self, scores: &[f64]) -> Vec<Vec<Variant>> {
+    fn variants(&self, scores: &[f64]) -> Vec<Vec<Variant>> {
         let mut losses = scores[1..].iter().map(|s| (scores[0] - s).max(0.0));
         let one = |sizes: &Vec<Size>| {
             let own: Vec<f64> = losses.by_ref().take(sizes.len().min(HALVINGS + 1)).collect();
-            ways(sizes, own[0], &own[1..])
+            variants(sizes, own[0], &own[1..])
         };
         self.images.iter().map(one).collect()
     }
 
     /// Each image in the size and encoding that together lose least within `room` bytes.
-    fn apart(&self, ways: &[Vec<Variant>], room: u64) -> Option<Choice> {
-        let choice = allocation::least_loss(ways, room)?;
-        let file = |(way, sizes): (&usize, &Vec<Size>)| {
+    fn apart(&self, variants: &[Vec<Variant>], room: u64) -> Option<Choice> {
+        let choice = allocation::least_loss(variants, room)?;
+        let file = |(variant, sizes): (&usize, &Vec<Size>)| {
             let mut files =
                 sizes.iter().enumerate().flat_map(|(s, size)| (0..size.files.len()).map(move |w| [s, w]));
-            files.nth(*way).expect("a way for each file")
+            files.nth(*variant).expect("a variant for each file")
         };
         Some(choice.iter().zip(&self.images).map(file).collect())
     }
@@ -522,7 +527,7 @@ impl File {
 
 /// What the files of an image cost and lose, size by size: decibels of pictures, of which `coarse` were measured for the
 /// whole image in the coarsest encoding and `halved` for its halves.
-fn ways(sizes: &[Size], coarse: f64, halved: &[f64]) -> Vec<Variant> {
+fn variants(sizes: &[Size], coarse: f64, halved: &[f64]) -> Vec<Variant> {
     // A texel's difference counts for as much in small images as in the whole one, and for something where no picture shows it.
     let error = sizes[0].files[coarsest(&sizes[0])].error.max(1e-12);
     let weight = coarse.max(LEAST_LOSS[1]) / error;

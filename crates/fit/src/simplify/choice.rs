@@ -106,13 +106,10 @@ pub(super) fn best(
     let (count, samples) = (options.choice_views(), options.choice_samples());
     let scores = judge.scores(&stages, (count, options.smallest_picture()), samples, progress)?;
     let best = judge::highest(&scores);
-    let baked = models.len() - 1;
     let written = match best {
         0 => Written::Fitted,
         1 => Written::Rebaked,
-        k if k == baked => Written::Baked,
-        k if k < baked => Written::Wrapped,
-        _ => Written::Decimated,
+        k => starts.get(k - 2).map_or(Written::Decimated, |start| start.made),
     };
     let fitted = (written != Written::Fitted && trained_steps > 0).then(|| scenes[0].clone());
     let model = models.swap_remove(judge::highest(&scores[..models.len()]));
@@ -134,11 +131,8 @@ fn reached(
     options: &SimplifyOptions,
 ) -> Chosen {
     let first = trained.history.first().map_or(f64::INFINITY, |h| h.quality);
-    let written = match start + 1 {
-        _ if trained.history.iter().any(|h| h.quality > first) => Written::Fitted,
-        last if last == starts.len() => Written::Baked,
-        _ => Written::Wrapped,
-    };
+    let fitted = trained.history.iter().any(|h| h.quality > first);
+    let written = if fitted { Written::Fitted } else { starts[start].made };
     let light = options.exported(&trained.model.candidate, n);
     Chosen { trained, light, written, fitted: None, own: None, plain: None }
 }

@@ -125,7 +125,7 @@ mod tests {
             stages
         };
         let fast = run(Effort::Fast, false).unwrap();
-        assert_eq!(stages(&fast), ["decimated", "baked", "fitted"]);
+        assert_eq!(stages(&fast), ["decimated", "wrapped", "fitted"]);
         assert_eq!((fast.effort, fast.steps, fast.views.len()), (Effort::Fast, 3, 2));
         match run(Effort::Normal, true) {
             Err(FitError::OtherFit { differences, .. }) => {

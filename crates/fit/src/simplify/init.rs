@@ -2,7 +2,7 @@
 
 use super::options::rule;
 use super::prepare::{Weights, decimated};
-use super::{SimplifyOptions, locks, shrink_wrap};
+use super::{SimplifyOptions, Written, locks, shrink_wrap};
 use crate::bake::ReferenceSurface;
 use crate::engine::Normalised;
 use crate::visibility::Visibility;
@@ -13,6 +13,9 @@ use photofit_rays::NearestPoint;
 use photofit_scalar::vec3;
 use rayon::prelude::*;
 use std::collections::HashSet;
+
+/// Triangles of an icosahedron, of which spheres are made.
+const LEAST_OF_SPHERE: usize = 20;
 
 /// What the fit starts from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -30,6 +33,8 @@ pub(super) struct Shape {
     pub(super) mesh: Mesh,
     /// The class of each triangle.
     pub(super) class: Vec<u32>,
+    /// What it is where it is written as it stands.
+    pub(super) made: Written,
     /// The same mesh as decimation left it, where there was one.
     pub(super) decimated: Option<Mesh>,
     /// Positions that stay.
@@ -49,7 +54,7 @@ impl Shape {
         let mut mesh = d.mesh.clone();
         shrink_wrap::NEARBY.run(&mut mesh, &d.locked, reference, weights, progress)?;
         let (locked, unseen) = (locks::locked(&d), Some(d.stats.unseen));
-        Ok(Self { mesh, class: d.group, decimated: Some(d.mesh), locked, unseen })
+        Ok(Self { mesh, class: d.group, made: Written::Wrapped, decimated: Some(d.mesh), locked, unseen })
     }
 }
 
@@ -68,9 +73,18 @@ impl Init {
         }
     }
 
-    /// Refuses a target that it cannot meet.
-    pub(super) fn check(self, target: Target) -> Result<(), FitError> {
-        if self.is_decimated() { Ok(()) } else { self.budget(target, 1).map(drop) }
+    /// Refuses a target that it cannot meet for an asset of so many triangles.
+    pub(super) fn check(self, target: Target, triangles: usize) -> Result<(), FitError> {
+        if self.is_decimated() {
+            return Ok(());
+        }
+        let most = match target {
+            // A share leaves [`super::FEWEST`] or all there are.
+            Target::Ratio(_) => triangles,
+            target => self.budget(target, triangles)?,
+        };
+        let must = format!("needs a budget of {LEAST_OF_SPHERE} triangles at least, not of {most}");
+        rule("init", self.name(), most >= LEAST_OF_SPHERE, &must)
     }
 
     /// The triangles of a start that is no decimated asset of so many.
@@ -105,16 +119,16 @@ impl Init {
                 let mut mesh = sphere(n, seen, budget);
                 shrink_wrap::FROM_AFAR.run(&mut mesh, &[], reference, (seen, &[]), progress)?;
                 let class = closest_classes(n, reference, seen, &mesh);
-                Ok(Shape { mesh, class, decimated: None, locked: HashSet::new(), unseen: None })
+                let (made, locked) = (Written::Sphere, HashSet::new());
+                Ok(Shape { mesh, class, made, decimated: None, locked, unseen: None })
             }
         }
     }
 }
 
-/// A sphere around the visible reference, as many triangles as the budget allows.
+/// A sphere around the visible reference, as many triangles as the budget allows, which is no smaller than the least one.
 fn sphere(n: &Normalised, seen: &Visibility, budget: usize) -> Mesh {
-    let frequency = ((budget as f64 / 20.0).sqrt().floor() as u32).max(1);
-    let mut mesh = shapes::icosphere(frequency);
+    let mut mesh = shapes::icosphere((budget / LEAST_OF_SPHERE).isqrt() as u32);
     let visible = |t: &usize| seen.is_visible(*t);
     let corners = || (0..n.flat.mesh.triangles.len()).filter(visible).flat_map(|t| n.flat.mesh.corners(t));
     let first = corners().next().unwrap_or_default();
@@ -145,4 +159,40 @@ fn closest_classes(
             closest.map_or(0, |p| classes[p.triangle as usize])
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sphere_needs_the_triangles_of_the_least_one() {
+        let refused = |target, triangles| {
+            let options = SimplifyOptions { target, init: Init::Sphere, ..SimplifyOptions::default() };
+            options.check(triangles).map_err(|e| e.to_string()).err()
+        };
+        let told = |most: usize| {
+            Some(format!("init is a sphere; it needs a budget of 20 triangles at least, not of {most}"))
+        };
+        assert_eq!(refused(Target::Triangles(19), 500), told(19));
+        assert_eq!(refused(Target::Ratio(0.5), 12), told(12), "all that there are");
+        for (target, triangles) in
+            [(Target::Triangles(20), 500), (Target::Ratio(0.001), 500), (Target::Ratio(0.5), 20)]
+        {
+            assert_eq!(refused(target, triangles), None, "{target:?} of {triangles}");
+        }
+        assert!(refused(Target::Error(0.1), 500).is_some_and(|e| e.contains("by error or screen size")));
+        let few = SimplifyOptions { target: Target::Triangles(19), ..SimplifyOptions::default() };
+        assert!(few.check(500).is_ok(), "a decimated asset may have fewer");
+    }
+
+    #[test]
+    fn spheres_have_no_more_triangles_than_the_budget() {
+        let scene = crate::simplify::tests::rock();
+        let n = Normalised::new(&scene).unwrap();
+        let seen = Visibility::everything(n.flat.mesh.triangles.len());
+        for (budget, made) in [(20, 20), (79, 20), (80, 80), (1000, 980)] {
+            assert_eq!(sphere(&n, &seen, budget).triangles.len(), made, "{budget}");
+        }
+    }
 }

@@ -3,7 +3,8 @@
 use super::byte_budget::Budget;
 use super::outcome::Times;
 use super::{
-    Asset, FILE, Outcome, SimplifyOptions, Written, byte_budget, dressed, options, outcome, plain, prepare,
+    Asset, FILE, ORIGINAL, Outcome, SimplifyOptions, Surfacing, Written, byte_budget, dressed, options,
+    outcome, plain, prepare, stages_beside, surfacing,
 };
 use crate::candidate::{Candidate, SurfaceClass};
 use crate::engine::FitFrame;
@@ -26,9 +27,8 @@ fn check(scene: &Scene) -> Result<(), FitError> {
     if scene.instances.iter().any(has) {
         return Ok(());
     }
-    let rule =
-        "needs texture coordinates, and the asset has none: without it the light asset gets new ones".into();
-    Err(FitError::Setting { field: options::KEPT_SURFACE, rule })
+    let must = "needs texture coordinates, and the asset has none: without it the light asset gets new ones";
+    options::rule(surfacing::FIELD, Surfacing::Kept.name(), false, must)
 }
 
 /// Decimates an asset in several ways, and writes what looks best.
@@ -63,12 +63,14 @@ pub(super) fn simplify(
     let written = photofit_scene::load(&path)?;
     let mut stages = Vec::new();
     if options.as_engine && !options.is_judged_by_path_tracing(scene) {
-        stages.push(Stage::new("original", scene.clone()));
+        stages.push(Stage::new(ORIGINAL, scene.clone()));
     }
     stages.push(Stage::new(FILE, written));
     let judge = options.judge_of(scene, n, reference);
     let views = judge.views(&stages, options.report_views, progress)?;
-    let plan = options.plan(given, reference.kind()).with_result(Written::Kept, 0, None);
+    let told = options.judgement(given).made(views.len(), stages_beside(&stages));
+    let plan = options.plan(given, reference.kind()).with_judgement(told);
+    let plan = plan.with_result(Written::Kept, [0; 2], None);
     let names: Vec<&'static str> = stages.iter().map(|s| s.name).collect();
     let written = &stages[stages.len() - 1].scene;
     let triangles = [scene.triangle_count(), written.triangle_count()];
@@ -101,7 +103,7 @@ fn stand_in(light: &Scene, frame: FitFrame) -> Candidate {
 #[cfg(test)]
 mod tests {
     use super::super::tests::{Heard, options, tiled};
-    use super::super::{Init, Surfacing, simplify};
+    use super::super::{Init, simplify};
     use super::*;
     use crate::Silent;
     use crate::engine::asset::bits;
@@ -147,11 +149,11 @@ mod tests {
         scene.primitives[0].mesh.uvs.clear();
         let path = std::env::temp_dir().join("never-written.glb");
         let refused = simplify(&scene, &path, &kept(), &Silent).unwrap_err().to_string();
-        assert!(refused.contains("kept_surface") && refused.contains("the asset has none"), "{refused}");
+        let part = "surfacing is kept; it needs texture coordinates, and the asset has none";
+        assert!(refused.contains(part), "{refused}");
         let sphere = SimplifyOptions { init: Init::Sphere, ..kept() };
-        assert!(
-            simplify(&tiled(), &path, &sphere, &Silent).unwrap_err().to_string().contains("kept_surface")
-        );
+        let refused = simplify(&tiled(), &path, &sphere, &Silent).unwrap_err().to_string();
+        assert!(refused.contains("surfacing is kept; it goes with"), "{refused}");
         assert!(!path.exists());
     }
 

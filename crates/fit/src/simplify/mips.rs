@@ -62,8 +62,11 @@ pub(super) fn check_classes(o: &SimplifyOptions, classes: &[MaterialClass]) -> R
     let needs = |holds, must| rule("mips", o.mips.name(), o.mips == Mips::Classic || holds, must);
     let lit = some(|c| !c.unlit);
     needs(!(lit && some(|c| c.unlit)), "needs materials that are all lit or all unlit")?;
-    let alpha = some(|c| c.written != AlphaMode::Opaque && !c.is_see_through());
-    needs(!(alpha && some(MaterialClass::is_see_through)), "needs an asset without glass beside other alpha")
+    let alpha = some(|c| c.written != AlphaMode::Opaque);
+    needs(
+        !(alpha && some(MaterialClass::is_see_through)),
+        "needs an asset without alpha where there is glass",
+    )
 }
 
 impl SimplifyOptions {

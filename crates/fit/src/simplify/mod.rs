@@ -21,6 +21,7 @@ mod plan;
 pub(crate) mod prepare;
 mod reference;
 pub(crate) mod shrink_wrap;
+mod surfacing;
 mod texture_space;
 mod through_path;
 
@@ -37,10 +38,11 @@ pub use crate::engine::trainer::HistoryPoint;
 pub use effort::Effort;
 pub use init::Init;
 pub use mips::Mips;
-pub use options::{FEWEST, LARGEST_ENGINE_PICTURE, MILD, MOST_REPLAYS, SimplifyOptions, Surfacing};
+pub use options::{FEWEST, LARGEST_ENGINE_PICTURE, MILD, MOST_REPLAYS, Resolved, SimplifyOptions};
 pub use outcome::{Outcome, Written, too_large_path};
 pub use plan::{FitPlan, Judgement};
 pub use reference::ReferenceRenderer;
+pub use surfacing::Surfacing;
 pub use through_path::{FitRenderer, TRACED_FOLDER};
 
 use crate::bake;
@@ -69,6 +71,8 @@ use std::time::Instant;
 /// The stage of what was fitted, and that of the written file where it is another.
 pub(crate) const FITTED: &str = "fitted";
 pub(crate) const FILE: &str = "file";
+/// The stage of the asset itself, which has all of its triangles.
+pub(crate) const ORIGINAL: &str = "original";
 
 /// Rate of the positions in the last phase, relative to the first.
 const LAST_POSITION_RATE: f64 = 0.4;
@@ -87,10 +91,30 @@ pub fn simplify(
     progress: &dyn Progress,
 ) -> Result<Outcome, FitError> {
     let began = Instant::now();
-    options.check(scene.triangle_count())?;
-    scene.validate_for_fit()?;
+    resolved_since(began, scene, output, &options.resolved(scene)?, progress)
+}
+
+/// The same with options that were resolved for `scene` before, which encodes geometry where triangles follow from bytes.
+///
+/// # Errors
+/// See [`FitError`]; nothing is written then.
+pub fn simplify_resolved(
+    scene: &Scene,
+    output: &Path,
+    options: &Resolved,
+    progress: &dyn Progress,
+) -> Result<Outcome, FitError> {
+    resolved_since(Instant::now(), scene, output, options, progress)
+}
+
+fn resolved_since(
+    began: Instant,
+    scene: &Scene,
+    output: &Path,
+    Resolved { options, told }: &Resolved,
+    progress: &dyn Progress,
+) -> Result<Outcome, FitError> {
     locks::check(scene, options, progress)?;
-    let (options, told) = &options.resolved(scene)?;
     told.iter().for_each(|t| progress.warn(t));
     with_asset(scene, progress, |asset| simplify_asset(asset, None, output, options, began, progress))
 }
@@ -157,8 +181,7 @@ pub(crate) fn simplify_asset(
     let (all, start) = (&starts.all, &starts.all[starts.best]);
     let loss = loss::choose(&held_out);
     let plan = options.plan(given, reference.kind()).with_backs(backs.seen, backs.share);
-    let plan =
-        plan.with_unseen(start.unseen.map(|dropped| [dropped, visibility.hidden(), scene.triangle_count()]));
+    let plan = plan.with_unseen(start.unseen.map(|dropped| prepare::unseen(rays, visibility, dropped)));
     let fitted = SurfacePlan::new(&start.candidate, options.asked(reference.kind()));
     let plan = plan.with_loss(loss, held_out.noise).with_maps(fitted.clone()).with_outline(starts.row);
     let keeping = through_path::keeping_before(options);
@@ -212,7 +235,9 @@ pub(crate) fn simplify_asset(
     let pictures = judge.views(&stages, options.report_views, progress)?;
     let names: Vec<&'static str> = stages.iter().map(|s| s.name).collect();
     let times = Times { all: began.elapsed().as_secs_f64(), to_file };
-    let plan = plan.with_result(written, trained.steps, traced_maps.row());
+    let told = options.judgement(given).made(pictures.len(), stages_beside(&stages));
+    let plan =
+        plan.with_judgement(told).with_result(written, [trained.steps, trained.reached()], traced_maps.row());
     let mut outcome =
         Outcome::new(triangles, trained, plan, &names, pictures, judge.method(&stages), times, options);
     outcome.device = device.name();
@@ -238,6 +263,11 @@ fn dressed(mut light: Scene, asset: Asset<'_>, options: &SimplifyOptions) -> Sce
     light
 }
 
+/// How many assets a report compares with the asset, which may stand among them as an engine draws it.
+fn stages_beside(stages: &[Stage]) -> usize {
+    stages.iter().filter(|s| s.name != ORIGINAL).count()
+}
+
 /// What the report compares, in this order: the asset itself where an engine draws it, the decimated one where something was
 /// compared with it, the starts, what was fitted where something else was written, and the written file.
 fn stages(
@@ -250,15 +280,11 @@ fn stages(
     let mut stages = Vec::new();
     // Path traced, the original would be the reference itself.
     if options.as_engine && !options.is_judged_by_path_tracing(scene) {
-        stages.push(Stage::new("original", scene.clone()));
+        stages.push(Stage::new(ORIGINAL, scene.clone()));
     }
     stages.extend(plain);
-    if let [wrapped, baked] = starts {
-        stages.push(Stage::new("baked", options.exported(&baked.candidate, n)));
-        stages.push(Stage::new("wrapped", options.exported(&wrapped.candidate, n)));
-    } else {
-        stages.push(Stage::new("baked", options.exported(&starts[0].candidate, n)));
-    }
+    let start = |s: &Start| Stage::new(s.made.name(), options.exported(&s.candidate, n));
+    stages.extend(starts.iter().rev().map(start));
     stages.extend(fitted.map(|scene| Stage::new(FITTED, scene)));
     stages.push(Stage::new(if written == Written::Fitted { FITTED } else { FILE }, file));
     stages

@@ -2,8 +2,8 @@
 
 use super::through_path::{FitRenderer, TracedMaps};
 use super::{
-    Effort, FitPlan, Init, Judgement, Mips, Normalised, ReferenceRenderer, by_outline, byte_budget, locks,
-    mips,
+    Effort, FitPlan, Init, Judgement, Mips, Normalised, ReferenceRenderer, Surfacing, by_outline,
+    byte_budget, locks, mips, surfacing,
 };
 use crate::bake::{BakeSettings, Occlusion};
 use crate::candidate::Candidate;
@@ -20,20 +20,6 @@ use photofit_geometry::decimate::Target;
 use photofit_scene::{Compression, Scene, TextureEncoding};
 use std::path::PathBuf;
 use std::time::Duration;
-
-/// What the light asset has in place of the asset's surface.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Surfacing {
-    /// New maps in an atlas of their own, or, where [`SimplifyOptions::own_textures`] allows it and it looks better, what
-    /// the asset has.
-    #[default]
-    Maps,
-    /// The asset's own texture coordinates, materials and textures, all as they are: nothing but triangles is less, and
-    /// nothing is fitted.
-    Kept,
-    /// A colour for each vertex; everything else is the same all over a material, and there are no textures.
-    VertexColors,
-}
 
 /// Options of [`super::simplify`].
 #[derive(Clone, Debug)]
@@ -202,6 +188,7 @@ impl SimplifyOptions {
     pub fn plan(&self, scene: &Scene, reference: ReferenceKind) -> FitPlan {
         let plan = FitPlan::new(scene)
             .with_options(self.fit_steps(), reference, &self.lighting)
+            .without_steps(self.lacks_nothing(scene).then_some(NOTHING_LACKS))
             .with_surfacing(self.surfacing)
             .with_judgement(self.judgement(scene))
             .with_occlusion(self.occlusion)
@@ -333,15 +320,11 @@ impl SimplifyOptions {
         // Decimated, baked, wrapped where the fit starts from a decimated asset, fitted, and the file where that is something
         // else.
         let starts = self.init.is_decimated() && self.effort.work().compares_starts;
-        let fitted = if self.surfacing == Surfacing::Kept { 1 } else { 4 + u64::from(starts) };
-        let asset = u64::from(!matches!(judged, Judged::RasterizedAgainst(_)));
-        Judgement {
-            judged,
-            why,
-            pictures: self.report_views * (asset + fitted),
-            side: self.resolution.min(WIDEST_TRACED),
-            spp: self.judge_spp,
-        }
+        let kept = self.surfacing == Surfacing::Kept;
+        let stages = if kept { 1 } else { 4 + usize::from(starts) };
+        let (side, spp) = (self.resolution.min(WIDEST_TRACED), self.judge_spp);
+        let judgement = Judgement { judged, why, pictures: 0, at_most: false, side, spp };
+        Judgement { at_most: !kept, ..judgement.made(self.report_views as usize, stages) }
     }
 
     /// What judges the written file.
@@ -373,7 +356,7 @@ impl SimplifyOptions {
         let texture_size = self.texture_size;
         let rules = [
             target_rule(self.target, triangles),
-            self.init.check(self.target),
+            self.init.check(self.target, triangles),
             rule("resolution", resolution, (16..=4096).contains(&resolution), "must be 16 to 4096"),
             rule("texture_size", texture_size, (16..=8192).contains(&texture_size), "must be 16 to 8192"),
             rule("batch", self.batch, (1..=64).contains(&self.batch), "must be 1 to 64"),
@@ -391,7 +374,7 @@ impl SimplifyOptions {
                 self.fit_with == FitRenderer::Raster || self.reference.kind().indirect_light,
                 "needs path as the reference, too",
             ),
-            surfacing_rule(self),
+            surfacing::check(self),
             mips::check(self),
             locks::rule(
                 self,
@@ -425,13 +408,20 @@ impl SimplifyOptions {
         maps && self.own_textures && !matches!(self.occlusion, Occlusion::Rays(_))
     }
 
+    /// Whether all triangles stay, so that nothing is missing that a fit could make up for: textures alone are reduced.
+    fn lacks_nothing(&self, scene: &Scene) -> bool {
+        self.target == Target::Triangles(scene.triangle_count()) && self.keeps_all(scene)
+    }
+
     /// The same with what an asset decides: its triangles where they follow from bytes, the budget that is meant, and no steps
-    /// where nothing is missing that a fit could make up for, since textures alone are reduced. Also says what a user should know
-    /// about the budget.
+    /// where nothing is missing that a fit could make up for.
     ///
     /// # Errors
-    /// If the geometry cannot be written, whose bytes count.
-    pub fn resolved(&self, scene: &Scene) -> Result<(Self, Option<String>), FitError> {
+    /// If options are out of their ranges ([`Self::check`]), the asset cannot be fitted ([`Scene::validate_for_fit`]), or its
+    /// geometry cannot be written, whose bytes count.
+    pub fn resolved(&self, scene: &Scene) -> Result<Resolved, FitError> {
+        self.check(scene.triangle_count())?;
+        scene.validate_for_fit()?;
         let mut options = self.clone();
         if let Some(most) = self.max_bytes.filter(|_| self.triangles_by_bytes) {
             let triangles = byte_budget::triangles_within(scene, most, self.compression)?;
@@ -439,10 +429,10 @@ impl SimplifyOptions {
         }
         let (target, told) = options.sane_target(scene.triangle_count());
         options.target = target;
-        if target == Target::Triangles(scene.triangle_count()) && options.keeps_all(scene) {
+        if options.lacks_nothing(scene) {
             options.steps = 0;
         }
-        Ok((options, told))
+        Ok(Resolved { options, told })
     }
 
     /// The budget that is meant: a share of the triangles of an asset never leaves fewer than [`FEWEST`] of them, or all
@@ -467,39 +457,30 @@ impl SimplifyOptions {
     }
 }
 
+/// Options with what an asset decides ([`SimplifyOptions::resolved`]).
+#[derive(Clone, Debug)]
+pub struct Resolved {
+    pub(super) options: SimplifyOptions,
+    /// What a user should know about the budget.
+    pub(super) told: Option<String>,
+}
+
+impl Resolved {
+    /// The options.
+    pub fn options(&self) -> &SimplifyOptions {
+        &self.options
+    }
+}
+
+/// Why a fit makes no steps though some are asked for.
+const NOTHING_LACKS: &str =
+    "all triangles fit into the bytes: nothing is missing that a fit could make up for";
+
 /// Share of the triangles from which on a budget is mild: most bytes are those of textures then.
 pub const MILD: f64 = 0.25;
 
 /// Fewest triangles that a share of an asset leaves.
 pub const FEWEST: usize = 64;
-
-/// [`Surfacing::Kept`] in errors.
-pub(super) const KEPT_SURFACE: &str = "kept_surface";
-/// [`Surfacing::VertexColors`] in errors.
-const VERTEX_COLORS: &str = "vertex_colors";
-
-/// What goes with the asset's own surface, and with colours of vertices; errors name these instead of the field of both.
-fn surfacing_rule(o: &SimplifyOptions) -> Result<(), FitError> {
-    let baked = matches!(o.occlusion, Occlusion::Rays(_));
-    let needs = |field, holds, must: &str| {
-        if holds { Ok(()) } else { Err(FitError::Setting { field, rule: must.into() }) }
-    };
-    match o.surfacing {
-        Surfacing::Maps => Ok(()),
-        Surfacing::Kept => {
-            let plain = !o.reference.kind().indirect_light && o.init.is_decimated() && !baked;
-            let must = "goes with pictures of the asset without indirect light, the decimated asset as the start and no baked \
-                        occlusion";
-            needs(KEPT_SURFACE, plain, must)
-        }
-        Surfacing::VertexColors => {
-            let plain = o.fit_with == FitRenderer::Raster && !baked;
-            let must =
-                "cannot stand for maps where these are fitted through the path tracer or occlusion is baked";
-            needs(VERTEX_COLORS, plain, must)
-        }
-    }
-}
 
 pub(super) fn rule(
     field: &'static str,

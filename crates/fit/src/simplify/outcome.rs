@@ -35,8 +35,9 @@ pub struct Outcome {
     /// Whether that ended the fit; else it ended the judgement alone, and what is written is complete.
     pub fit_stopped: bool,
     /// Names of the stages with their mean quality, in the order of [`ReportView::quality`]: `decimated` (fewer
-    /// triangles, the asset's own materials; absent where the user stopped the work before the choice), `baked` (a new atlas and maps from the asset: nothing is fitted), `wrapped`
-    /// (the same, first drawn onto the asset's surface; absent where there is but one start), `fitted` (what was fitted;
+    /// triangles, the asset's own materials; absent where the user stopped the work before the choice), the starts by their
+    /// [`Written::name`] (`baked`, absent where there is but one, `wrapped`, or `sphere`: a new atlas and maps from the asset,
+    /// nothing is fitted), `fitted` (what was fitted;
     /// absent where no step was made, or the user stopped the work before the choice, and something else was written) and `file` (the written file, loaded again; absent
     /// where that is the fitted one). The last is the written file.
     pub stages: Vec<(&'static str, Quality)>,
@@ -102,8 +103,10 @@ pub enum Written {
     Fitted,
     /// The fitted shape, its maps baked anew.
     Rebaked,
-    /// The start that was drawn onto the asset's surface: no fit looked better.
+    /// The start that was decimated and drawn onto the asset's surface: no fit looked better.
     Wrapped,
+    /// The start that was a sphere, drawn onto the asset's surface: no fit looked better.
+    Sphere,
     /// The decimated start with baked maps: no fit looked better.
     Baked,
     /// The decimated asset with its own materials: nothing with new maps looked better.
@@ -115,16 +118,29 @@ pub enum Written {
 }
 
 impl Written {
+    /// What a fit can start from.
+    pub(crate) const STARTS: [Self; 3] = [Self::Baked, Self::Wrapped, Self::Sphere];
+
     /// In one word.
     pub fn name(self) -> &'static str {
         match self {
             Self::Fitted => "fitted",
             Self::Rebaked => "rebaked",
             Self::Wrapped => "wrapped",
+            Self::Sphere => "sphere",
             Self::Baked => "baked",
             Self::Decimated => "decimated",
             Self::Kept => "kept",
             Self::Whole => "whole",
+        }
+    }
+
+    /// The shape of a start.
+    pub(crate) fn start(self) -> &'static str {
+        match self {
+            Self::Wrapped => "the decimated asset, drawn onto its surface,",
+            Self::Sphere => "a sphere, drawn onto the asset's surface,",
+            _ => "the decimated asset",
         }
     }
 

@@ -97,7 +97,7 @@ pub(super) fn best(
 /// The decimation that looks best, as it is written, and, where triangles follow from bytes, others made in the same way.
 pub(super) fn shapes(
     asset: Asset<'_>,
-    (best, way): &(Stage, Decimation),
+    (best, decimation): &(Stage, Decimation),
     options: &SimplifyOptions,
     written: &dyn Fn(&Stage) -> Scene,
 ) -> Result<Shapes, FitError> {
@@ -107,7 +107,7 @@ pub(super) fn shapes(
     if let Some(most) = options.max_bytes.filter(|_| options.triangles_by_bytes && options.target != all) {
         let first = best.scene.triangle_count();
         for triangles in other_triangles(asset.scene, (most, first), options.compression)? {
-            shapes.add(written(&way.decimated(asset, Target::Triangles(triangles), options)?));
+            shapes.add(written(&decimation.decimated(asset, Target::Triangles(triangles), options)?));
         }
     }
     Ok(shapes)
@@ -259,7 +259,7 @@ pub(super) fn reduced(scene: &Scene, image: usize, halvings: usize) -> TextureIm
 mod tests {
     use super::*;
     use photofit_geometry::shapes;
-    use photofit_scene::{Instance, Material, Primitive, Sampler};
+    use photofit_scene::{Instance, Material, Primitive};
 
     #[test]
     fn an_image_with_levels_of_its_own_becomes_one_of_them() {
@@ -282,10 +282,7 @@ mod tests {
         let texels16 = vec![[1000, 20_001, 3, 65_535], [1003, 20_002, 60_000, 65_535]];
         let texels = vec![[4, 78, 0, 255], [4, 78, 233, 255]];
         let image = TextureImage { width: 2, height: 1, texels, texels16, ..TextureImage::default() };
-        let slot = {
-            let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-            Some(TextureSlot { image: 0, sampler: Sampler::default(), tex_coord: 0, transform })
-        };
+        let slot = Some(TextureSlot::new(0));
         let data = Material { normal_texture: slot, ..Material::clay() };
         let scene = Scene { images: vec![image], materials: vec![data], ..Scene::default() };
         scene.validate().unwrap();
@@ -309,10 +306,7 @@ mod tests {
             texels: vec![texel; n * n],
             ..TextureImage::default()
         };
-        let slot = |image| {
-            let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-            Some(TextureSlot { image, sampler: Sampler::default(), tex_coord: 0, transform })
-        };
+        let slot = |image| Some(TextureSlot::new(image));
         let seen = Material { base_color_texture: slot(1), normal_texture: slot(3), ..Material::clay() };
         let unseen = Material { base_color_texture: slot(0), ..Material::clay() };
         let scene = Scene {

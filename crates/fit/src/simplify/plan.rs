@@ -11,6 +11,7 @@ pub use judgement::Judgement;
 use super::{Surfacing, Written};
 use crate::bake::Occlusion;
 use crate::engine::loss::PictureLoss;
+use crate::engine::plan::rows::{PhaseRow, Unseen};
 use crate::engine::plan::{Item, PlanRows, Runs, SurfacePlan, rows};
 use crate::engine::reference::ReferenceKind;
 use crate::engine::trainer::Phase;
@@ -24,6 +25,8 @@ use std::fmt;
 struct Choices {
     /// Steps that are made at most.
     steps: u64,
+    /// Why none are made, where they were asked for.
+    why_none: Option<&'static str>,
     /// What pictures of the reference are.
     reference: ReferenceKind,
     /// Views under an environment map: none, every other, all.
@@ -38,22 +41,22 @@ pub struct FitPlan {
     maps: Option<SurfacePlan>,
     /// The loss with the noise of the pictures that it was chosen by.
     loss: Option<(PictureLoss, Option<f64>)>,
-    phases: Vec<String>,
+    phases: Vec<PhaseRow>,
     judgement: Option<Judgement>,
     /// Where the fit runs, and why there.
     device: Option<String>,
     /// Where occlusion maps come from.
-    occlusion: Occlusion,
+    occlusion: Option<Occlusion>,
     /// What the light asset has in place of the asset's surface.
-    surfacing: Surfacing,
+    surfacing: Option<Surfacing>,
     /// Smallest and largest picture that mip levels with texels of their own are fitted to, pixels.
     mips: Option<[usize; 2]>,
     /// Shares of pixels and of views that show the backs of single-sided surfaces.
     backs: Option<(f64, f32)>,
     /// Whether outlines count in where triangles are.
     outline: Option<Item>,
-    /// Triangles of the asset that the decimation left out, those that nobody sees, and all.
-    unseen: Option<[usize; 3]>,
+    /// Triangles of the asset that nobody sees.
+    unseen: Option<Unseen>,
     /// Whether maps are fitted through the path tracer, where that is asked for.
     traced_maps: Option<Item>,
     /// What came of it.
@@ -66,6 +69,8 @@ struct Ended {
     written: Written,
     /// Steps made.
     steps: u64,
+    /// The step up to which it came.
+    reached: u64,
 }
 
 impl FitPlan {
@@ -79,8 +84,8 @@ impl FitPlan {
             phases: Vec::new(),
             judgement: None,
             device: None,
-            occlusion: Occlusion::default(),
-            surfacing: Surfacing::default(),
+            occlusion: None,
+            surfacing: None,
             mips: None,
             backs: None,
             outline: None,
@@ -98,7 +103,13 @@ impl FitPlan {
             Lighting::Point => "",
             Lighting::Environment(_) => "every view",
         };
-        Self { choices: Some(Choices { steps, reference, environment }), ..self }
+        Self { choices: Some(Choices { steps, why_none: None, reference, environment }), ..self }
+    }
+
+    /// Adds to the options why no steps are made though some are asked for.
+    #[must_use]
+    pub(crate) fn without_steps(self, why_none: Option<&'static str>) -> Self {
+        Self { choices: self.choices.map(|c| Choices { why_none, ..c }), ..self }
     }
 
     /// Adds what the baked maps of the start say.
@@ -125,16 +136,16 @@ impl FitPlan {
         Self { device, ..self }
     }
 
-    /// Adds where occlusion maps come from; without it from those of the asset.
+    /// Adds where occlusion maps come from.
     #[must_use]
     pub fn with_occlusion(self, occlusion: Occlusion) -> Self {
-        Self { occlusion, ..self }
+        Self { occlusion: Some(occlusion), ..self }
     }
 
-    /// Adds what the light asset has in place of the asset's surface; without it new maps.
+    /// Adds what the light asset has in place of the asset's surface.
     #[must_use]
     pub fn with_surfacing(self, surfacing: Surfacing) -> Self {
-        Self { surfacing, ..self }
+        Self { surfacing: Some(surfacing), ..self }
     }
 
     /// Adds the sizes that mip levels with texels of their own are fitted to; nothing is told without.
@@ -156,10 +167,9 @@ impl FitPlan {
         Self { outline: Some(outline), ..self }
     }
 
-    /// Adds how many triangles of the asset the decimation left out since nobody sees them, how many nobody sees, and all, where
-    /// the start is decimated from it.
+    /// Adds how many triangles of the asset nobody sees, where the start is decimated from it.
     #[must_use]
-    pub(crate) fn with_unseen(self, unseen: Option<[usize; 3]>) -> Self {
+    pub(crate) fn with_unseen(self, unseen: Option<Unseen>) -> Self {
         Self { unseen, ..self }
     }
 
@@ -169,11 +179,18 @@ impl FitPlan {
         Self { traced_maps: row, ..self }
     }
 
-    /// Adds what the fit came to: what was written, the steps that were made, and whether maps were fitted through the path
-    /// tracer.
+    /// Adds what the fit came to: what was written, the steps that were made, the step up to which it came ([`Trained::reached`]),
+    /// and whether maps were fitted through the path tracer.
+    ///
+    /// [`Trained::reached`]: crate::engine::trainer::Trained::reached
     #[must_use]
-    pub(crate) fn with_result(self, written: Written, steps: u64, traced_maps: Option<Item>) -> Self {
-        Self { traced_maps, result: Some(Ended { written, steps }), ..self }
+    pub(crate) fn with_result(
+        self,
+        written: Written,
+        [steps, reached]: [u64; 2],
+        traced_maps: Option<Item>,
+    ) -> Self {
+        Self { traced_maps, result: Some(Ended { written, steps, reached }), ..self }
     }
 
     /// Adds the phases of the fit.
@@ -192,28 +209,31 @@ impl FitPlan {
     pub fn items(&self) -> Vec<Item> {
         let mut items = Vec::new();
         match self.surfacing {
-            Surfacing::Maps => {}
-            Surfacing::Kept => {
+            None | Some(Surfacing::Maps) => {}
+            Some(Surfacing::Kept) => {
                 let why =
                     "triangles alone are fewer; texture coordinates, materials and textures stay".to_owned();
-                items.push(Item { what: "own surface", runs: Runs::Yes, why });
+                items.push(Item::note("own surface", why));
             }
-            Surfacing::VertexColors => {
+            Some(Surfacing::VertexColors) => {
                 let why = "fitted maps become colours of vertices and factors of materials; normal maps are left out".to_owned();
                 items.push(Item { what: "colours of vertices", runs: Runs::Yes, why });
             }
         }
-        if self.surfacing != Surfacing::Kept {
-            items.extend(self.result.map(|r| written(r.written, r.steps)));
+        if self.surfacing != Some(Surfacing::Kept) {
+            items.extend(self.result.map(|r| written(r, self.surfacing)));
             let steps = self.choices.as_ref().zip(self.result).filter(|(c, _)| c.steps > 0);
             items.extend(steps.map(|(c, r)| rows::steps(r.steps, c.steps)));
+            let none = self.choices.as_ref().and_then(|c| c.why_none);
+            items.extend(none.map(|why| Item { what: "steps", runs: Runs::No, why: why.into() }));
             items.extend(self.unseen.map(rows::unseen));
             match &self.maps {
                 Some(maps) => items.extend(rows::surface(&maps.work(self.steps().unwrap_or(1)))),
                 None => self.asset.surface_items(self.steps(), &mut items),
             }
         }
-        self.asset.data_items(self.occlusion, self.surface(), &mut items);
+        let occlusion = self.occlusion.filter(|_| self.surfacing.is_some());
+        self.asset.data_items(occlusion, self.surface(), &mut items);
         self.option_items(&mut items);
         items.extend(self.traced_maps.clone());
         items.extend(self.judgement.as_ref().map(Judgement::item));
@@ -227,11 +247,11 @@ impl FitPlan {
     /// What the light asset has of the asset's surface, as far as it is known.
     fn surface(&self) -> LightSurface {
         match (self.surfacing, self.result.map(|r| r.written)) {
-            (Surfacing::Kept, _) => LightSurface::Own,
+            (Some(Surfacing::Kept), _) => LightSurface::Own,
             (_, Some(written)) if written.has_own_surface() => LightSurface::Own,
-            (Surfacing::VertexColors, _) => LightSurface::Colors,
-            (Surfacing::Maps, Some(_)) => LightSurface::New,
-            (Surfacing::Maps, None) => LightSurface::Open,
+            (Some(Surfacing::VertexColors), _) => LightSurface::Colors,
+            (_, Some(_)) => LightSurface::New,
+            (_, None) => LightSurface::Open,
         }
     }
 
@@ -275,25 +295,27 @@ impl FitPlan {
     }
 }
 
-/// The row of what is written, after so many steps.
-fn written(written: Written, steps: u64) -> Item {
+/// The row of what is written.
+fn written(Ended { written, steps, .. }: Ended, surfacing: Option<Surfacing>) -> Item {
+    let maps = surfacing.unwrap_or_default().in_words();
     let why = match written {
-        Written::Fitted if steps == 0 => "what the fit was to start from",
-        Written::Fitted => "what was fitted",
-        Written::Rebaked => "the fitted shape, its maps baked anew",
-        Written::Wrapped => "the start that was drawn onto the asset's surface",
-        Written::Baked => "the decimated start with baked maps",
-        Written::Decimated => "the decimated asset with its own materials",
-        Written::Kept => "the asset's own surface on fewer triangles",
-        Written::Whole => "the asset as it was given: no other file took so few bytes",
+        Written::Fitted if steps == 0 => "what the fit was to start from".to_owned(),
+        Written::Fitted => "what was fitted".to_owned(),
+        Written::Rebaked => format!("the fitted shape, its {maps} baked anew"),
+        Written::Wrapped | Written::Baked | Written::Sphere => {
+            format!("the start: {} with baked {maps}", written.start())
+        }
+        Written::Decimated => "the decimated asset with its own materials".to_owned(),
+        Written::Kept => "the asset's own surface on fewer triangles".to_owned(),
+        Written::Whole => "the asset as it was given: no other file took so few bytes".to_owned(),
     };
-    Item { what: "written asset", runs: Runs::Yes, why: why.into() }
+    Item::note("written asset", why)
 }
 
 impl From<&FitPlan> for PlanRows {
     fn from(plan: &FitPlan) -> Self {
-        let steps = plan.result.map_or(u64::MAX, |r| r.steps);
-        Self { items: plan.items(), phases: plan.phases.clone() }.ended(steps)
+        let reached = plan.result.map_or(u64::MAX, |r| r.reached);
+        Self { items: plan.items(), phases: plan.phases.clone() }.ended(reached)
     }
 }
 

@@ -2,12 +2,13 @@
 
 use super::init::Shape;
 use super::texture_space::TextureSpaces;
-use super::{Mips, SimplifyOptions, coverage, locks};
+use super::{Mips, SimplifyOptions, Written, coverage, locks};
 use crate::bake::{self, BakeClass, BakeSettings, ReferenceSurface, bake};
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
 use crate::engine::asset::bits;
 use crate::engine::judge::Stage;
+use crate::engine::plan::rows::Unseen;
 use crate::engine::unwrap::unwrapped;
 use crate::visibility::{Visibility, VisibilitySettings, visibility_reporting};
 use crate::{FitError, Progress};
@@ -44,7 +45,7 @@ pub(super) fn prepare(
 ) -> Result<Vec<Start>, FitError> {
     let go_on = || if progress.is_cancelled() { Err(FitError::Interrupted) } else { Ok(()) };
     go_on()?;
-    let Shape { mesh, class, decimated, locked, unseen } = match from {
+    let Shape { mesh, class, made, decimated, locked, unseen } = match from {
         Some(candidate) => {
             let d = decimated(n, &candidate.mesh(), &candidate.class, &[], options, progress)?;
             Shape { unseen: None, ..Shape::drawn(d, reference, (seen, weights.drawn), progress)? }
@@ -52,15 +53,14 @@ pub(super) fn prepare(
         None => options.init.shape(n, reference, (seen, weights), options, progress)?,
     };
     go_on()?;
-    let start = |mesh: &Mesh, class| {
-        let mut start = unwrap_and_bake(n, reference, seen, mesh, class, options, progress)?;
-        start.candidate.lock(|p| locked.contains(&bits(*p)));
-        start.unseen = unseen;
-        Ok::<Start, FitError>(start)
+    let start = |mesh: &Mesh, class, made| {
+        let (mut candidate, distance) = unwrap_and_bake(n, reference, seen, mesh, class, options, progress)?;
+        candidate.lock(|p| locked.contains(&bits(*p)));
+        Ok::<Start, FitError>(Start { candidate, made, distance, unseen })
     };
-    let mut starts = vec![start(&mesh, class.clone())?];
+    let mut starts = vec![start(&mesh, class.clone(), made)?];
     if let Some(mesh) = decimated.filter(|_| options.effort.work().compares_starts) {
-        starts.push(start(&mesh, class)?);
+        starts.push(start(&mesh, class, Written::Baked)?);
     }
     Ok(starts)
 }
@@ -78,13 +78,16 @@ pub(super) struct Weights<'a> {
 #[derive(Clone)]
 pub(super) struct Start {
     pub(super) candidate: Candidate,
+    /// What it is where it is written.
+    pub(super) made: Written,
     /// Mean distance to the reference, in the normalised frame.
     pub(super) distance: f64,
     /// Triangles of the reference that its decimation left out since nobody sees them; `None` where it was not decimated.
     pub(super) unseen: Option<usize>,
 }
 
-/// Gives a mesh an atlas, the reference's hard edges, and maps baked from the reference.
+/// Gives a mesh an atlas, the reference's hard edges, and maps baked from the reference; also its mean distance to that, in the
+/// normalised frame.
 fn unwrap_and_bake(
     n: &Normalised,
     reference: &ReferenceSurface<'_>,
@@ -93,7 +96,7 @@ fn unwrap_and_bake(
     class: Vec<u32>,
     options: &SimplifyOptions,
     progress: &dyn Progress,
-) -> Result<Start, FitError> {
+) -> Result<(Candidate, f64), FitError> {
     let (seen_surface, classes) = (Some((reference, seen)), n.light_asset.drawn_classes());
     let mut candidate = unwrapped(mesh, seen_surface, class, classes, options.texture_size, progress)?;
     if options.mips == Mips::Free {
@@ -101,7 +104,7 @@ fn unwrap_and_bake(
     }
     let (baked, distance) = bake_candidate(reference, seen, &candidate, options, progress)?;
     candidate.maps = baked;
-    Ok(Start { candidate, distance, unseen: None })
+    Ok((candidate, distance))
 }
 
 /// A callback that shows the finished share of a stage and passes on the wish to stop.
@@ -120,6 +123,13 @@ pub(super) fn importance(n: &Normalised, seen: &Visibility) -> Vec<f32> {
     (0..n.flat.mesh.triangles.len())
         .map(|t| if seen.is_visible(t) { LEAST_IMPORTANCE + seen.importance(t) } else { 0.0 })
         .collect()
+}
+
+/// The triangles of the reference that nobody sees, of which the decimation left some out.
+pub(super) fn unseen(reference: &ReferenceSurface<'_>, seen: &Visibility, dropped: usize) -> Unseen {
+    let has_area = |t: &usize| reference.area_normal(*t as u32).length() > 0.0;
+    let with_area = || (0..reference.mesh().triangles.len()).filter(has_area);
+    Unseen { dropped, unseen: with_area().filter(|t| !seen.is_visible(*t)).count(), all: with_area().count() }
 }
 
 /// Decimates a mesh whose triangles have the given classes.

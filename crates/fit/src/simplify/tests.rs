@@ -7,7 +7,7 @@ use crate::Silent;
 pub(super) use crate::progress::Heard;
 use photofit_geometry::shapes::{cube, displaced_sphere};
 use photofit_scalar::{vec2, vec3};
-use photofit_scene::{AlphaMode, Instance, Material, Primitive, Sampler, TextureImage, TextureSlot};
+use photofit_scene::{AlphaMode, Instance, Material, Primitive, TextureImage, TextureSlot};
 use std::collections::BTreeSet;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -34,8 +34,7 @@ pub(super) fn tiled() -> Scene {
     }
     mesh.uvs.iter_mut().for_each(|uv| *uv = vec2(uv.x * 4.0, uv.y * 4.0));
     mesh.normals = photofit_geometry::normals::mesh_normals(&mesh);
-    let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-    let slot = TextureSlot { image: 0, sampler: Sampler::default(), tex_coord: 0, transform };
+    let slot = TextureSlot::new(0);
     let material = Material { base_color_texture: Some(slot), double_sided: true, ..Material::clay() };
     let texels = (0..64).map(|k| [(k * 4) as u8, 255 - (k * 3) as u8, (k % 8 * 30) as u8, 255]).collect();
     let image = TextureImage { width: 8, height: 8, texels, ..TextureImage::default() };
@@ -94,8 +93,7 @@ fn occlusion_is_kept_baked_or_left_out() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.glb");
     // A ball on a floor; the map of both says .6 everywhere.
-    let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-    let slot = TextureSlot { image: 0, sampler: Sampler::default(), tex_coord: 0, transform };
+    let slot = TextureSlot::new(0);
     let occluded = Material { occlusion_texture: Some(slot), ..Material::clay() };
     let mut scene = of(photofit_geometry::shapes::uv_sphere(24, 12), occluded);
     let mut floor = photofit_geometry::shapes::quad_grid(4, 4);

@@ -130,17 +130,18 @@ impl World {
         if let Some(m) = library_material(&self.given[index])
             && !matches!(value, MaterialValue::Emission | MaterialValue::Absorption)
         {
-            let edit = |library: &mut SurfaceLibrary| {
+            let exchange = |library: &mut SurfaceLibrary, values: &mut Vec<f32>| {
                 let mut f = library.factors(m);
                 match value {
-                    MaterialValue::BaseColor => f.base_color = triple(values),
-                    MaterialValue::Emissive => f.emissive = triple(values),
-                    MaterialValue::Roughness => f.roughness = values[0],
-                    _ => f.metallic = values[0],
+                    MaterialValue::BaseColor => exchange_color(&mut f.base_color, values),
+                    MaterialValue::Emissive => exchange_color(&mut f.emissive, values),
+                    MaterialValue::Roughness => std::mem::swap(&mut f.roughness, &mut values[0]),
+                    _ => std::mem::swap(&mut f.metallic, &mut values[0]),
                 }
                 library.set_factors(m, &f);
             };
-            return self.edit_library_where(edit, |_, i| i == m && value == MaterialValue::Emissive);
+            let glows = |_: &SurfaceLibrary, i| i == m && value == MaterialValue::Emissive;
+            return self.exchange_in_library(&mut values.to_vec(), exchange, glows);
         }
         let mut material = self.uniform_material(index);
         match (value, &mut material.scattering) {
@@ -212,6 +213,12 @@ fn shared<P>(
             Err(invalid(name(other), rule))
         }
     }
+}
+
+fn exchange_color(color: &mut Vec3f, values: &mut [f32]) {
+    let before = *color;
+    *color = triple(values);
+    values.copy_from_slice(&before.to_array());
 }
 
 fn triple(values: &[f32]) -> Vec3f {

@@ -97,7 +97,7 @@ fn share_evenly(world: &World, list: &[Emitter], weights: &mut [f32]) {
     }
 }
 
-/// Mean luminance of what a material emits over its texture; the largest of a tree.
+/// Mean luminance of what a material emits over all texels of its texture; the largest of a tree.
 fn mean_emission(world: &World, instance: u32) -> f64 {
     let material = &world.materials[world.placed[instance as usize].material as usize];
     let map = match (material.library, &world.library) {

@@ -240,6 +240,12 @@ impl Lights {
         self.emitters.of_piece.as_ptr()
     }
 
+    /// Powers of the emitting surfaces.
+    #[cfg(test)]
+    pub(crate) fn weights(&self) -> &[f32] {
+        &self.emitters.weights
+    }
+
     /// Bytes of the tables.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(self.emitters.list.as_slice())

@@ -301,6 +301,42 @@ fn bad_edits_change_nothing() {
     assert!(picture(&world) == before, "an edit that fails changes nothing");
 }
 
+/// A ball of a library material that bounds fog: it must stay whole.
+#[test]
+fn edits_of_a_library_that_fail_change_nothing() {
+    use photofit_scene::{AlphaMode, Material as SceneMaterial, Scene, SurfaceLibrary};
+    let of = |materials: Vec<SceneMaterial>| {
+        let mesh = photofit_geometry::shapes::icosphere(4);
+        Scene { materials, ..super::library::scene(mesh, SceneMaterial::clay()) }
+    };
+    let red = SceneMaterial { base_color: [0.9, 0.1, 0.1, 0.5], ..SceneMaterial::clay() };
+    let glowing = SceneMaterial { emissive: [2.0; 3], ..red.clone() };
+    let parts = |scene: &Scene| {
+        let mut parts = Parts {
+            environment: Some(EnvironmentMap::constant(Vec3f::splat(1.0))),
+            library: Some(SurfaceLibrary::new(scene)),
+            ..Parts::default()
+        };
+        let ball = parts.add(Shape::Mesh(scene.primitives[0].mesh.clone()), Material::from_library(0));
+        parts.media.push(fogs(2.0));
+        parts.boundaries.push(Boundary { instance: ball, interior: Some(0), exterior: None });
+        parts
+    };
+    let picture = |world: &World| render(world, &cornell_view(), square(8, 4)).0.data;
+    let mut world = World::new(parts(&of(vec![SceneMaterial::clay()]))).unwrap();
+    let before = picture(&world);
+    let masked = SceneMaterial { alpha_mode: AlphaMode::Mask { cutoff: 0.9 }, ..glowing.clone() };
+    for (other, words) in [(of(vec![masked]), "cut-outs"), (of(Vec::new()), "library material 0")] {
+        let edit = |library: &mut SurfaceLibrary| *library = SurfaceLibrary::new(&other);
+        let text = world.edit_library(edit).expect_err(words).to_string();
+        assert!(text.contains(words), "{words} in {text}");
+        assert!(picture(&world) == before, "{words}: an edit that fails changes nothing");
+    }
+    let other = of(vec![glowing]);
+    world.edit_library(|library| *library = SurfaceLibrary::new(&other)).unwrap();
+    assert!(picture(&world) == picture(&World::new(parts(&other)).unwrap()), "and the next one is whole");
+}
+
 #[test]
 fn loose_majorants_change_noise_alone() {
     let picture = |majorant_factor: f32, spp: u32| {

@@ -16,7 +16,7 @@ use photofit_image::Image;
 use photofit_sampling::{hash, unit_f32};
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::{
-    Instance, MapKind, Material as SceneMaterial, Primitive, Sampler, Scene, TextureImage, TextureSlot,
+    Instance, MapKind, Material as SceneMaterial, Primitive, Scene, TextureImage, TextureSlot,
 };
 use photofit_shading::bsdf::{Bsdf, Conductor, Distribution, Microfacet, Null, RoughConductor};
 
@@ -282,8 +282,7 @@ fn leaning() -> TextureImage {
 }
 
 fn slot(image: usize) -> Option<TextureSlot> {
-    let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-    Some(TextureSlot { image, sampler: Sampler::default(), tex_coord: 0, transform })
+    Some(TextureSlot::new(image))
 }
 
 /// A ball with four maps on a floor without any; `coat` puts clear coat on it.

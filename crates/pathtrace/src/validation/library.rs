@@ -12,8 +12,8 @@ use photofit_geometry::{Mesh, shapes};
 use photofit_image::Image;
 use photofit_scalar::{Vec3, Vec3f, vec3, vec4};
 use photofit_scene::{
-    Clearcoat, Extensions, Instance, MapKind, Material, Primitive, Sampler, Scene, SurfaceLibrary,
-    TextureImage, TextureSlot,
+    Clearcoat, Extensions, Instance, MapKind, Material, Primitive, Scene, SurfaceLibrary, TextureImage,
+    TextureSlot,
 };
 
 /// A scene of one mesh.
@@ -46,8 +46,7 @@ fn bumps() -> TextureImage {
 
 /// The first image, as it is.
 pub(super) fn slot() -> TextureSlot {
-    let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-    TextureSlot { image: 0, sampler: Sampler::default(), tex_coord: 0, transform }
+    TextureSlot::new(0)
 }
 
 #[test]
@@ -157,6 +156,43 @@ fn smooth_mirrors_of_few_triangles_have_no_dark_rims() {
             "coat {clearcoat}, colours {colored}: darkest pixel {least}, mean {mean}"
         );
         assert!(values.iter().all(|v| *v < 1.001), "a mirror makes no light");
+    }
+}
+
+/// Shading normals at points of a ball of few triangles that the camera sees, and how many of them differ from those of its
+/// vertices.
+fn bent_normals(metallic: f32, clearcoat: bool) -> (Vec<Vec3f>, usize) {
+    let mut mesh = shapes::icosphere(2);
+    mesh.normals = mesh.positions.clone();
+    let coat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
+    let extensions =
+        clearcoat.then(|| Box::new(Extensions { clearcoat: Some(coat), ..Extensions::default() }));
+    let world = lit(&scene(mesh, Material { metallic, extensions, ..Material::clay() }), 1.0);
+    let camera = looking([0.0, 0.0, 3.0], [0.0; 3], 0.75).prepare(&world);
+    let options = square(32, 1);
+    let (mut found, mut bent) = (Vec::new(), 0);
+    for pixel in 0..32 * 32 {
+        let numbers = PixelRandom::new(0, pixel as u64).sample(0);
+        let ray = primary_ray(&options, &camera, [pixel % 32, pixel / 32], &numbers);
+        let Some(hit) = world.closest_where::<true>(&ray, |_| true) else { continue };
+        let (at, wo) = (world.interaction::<true>(&ray, &hit), -ray.direction);
+        let normal = world.material_at::<true>(&at, wo, &mut None).n;
+        // The rasterizer turns normals to the viewer, and that is all.
+        bent += usize::from(normal != photofit_shading::face_viewer(at.ns, at.ng, wo));
+        found.push(normal);
+    }
+    (found, bent)
+}
+
+#[test]
+fn smooth_normals_are_those_of_the_rasterizer_but_on_metals() {
+    for coat in [false, true] {
+        let metal = bent_normals(1.0, coat);
+        assert!(metal.1 > 5, "coat {coat}: {} normals are bent", metal.1);
+        assert_eq!(bent_normals(0.7, coat), metal, "more metal than not, coat {coat}");
+        for metallic in [0.0, 0.3] {
+            assert_eq!(bent_normals(metallic, coat).1, 0, "metalness {metallic}, coat {coat}");
+        }
     }
 }
 

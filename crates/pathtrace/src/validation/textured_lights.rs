@@ -20,8 +20,13 @@ fn dots(side: usize, white: &[usize]) -> TextureImage {
 const SPOT: &[usize] = &[32 * 10 + 20];
 const PATCH: &[usize] = &[32 * 27 + 13, 32 * 27 + 14, 32 * 28 + 13, 32 * 28 + 14];
 
-/// A floor and a lamp above it, of which some texels of 1024 glow.
+/// A floor and a lamp above it, of whose 32 x 32 texels some glow.
 fn under_a_lamp(white: &[usize]) -> Scene {
+    under_a_lamp_of(32, white)
+}
+
+/// The same with so many texels a side.
+fn under_a_lamp_of(side: usize, white: &[usize]) -> Scene {
     let glowing = Material {
         base_color: [0.0, 0.0, 0.0, 1.0],
         emissive: [1000.0; 3],
@@ -31,7 +36,7 @@ fn under_a_lamp(white: &[usize]) -> Scene {
     let mut lamp = quad(vec3(-0.5, 1.0, -0.5), vec3(1.0, 0.0, 0.0), vec3(0.0, 0.0, 1.0));
     lamp.uvs = lamp.positions.iter().map(|p| vec2(p.x + 0.5, p.z + 0.5)).collect();
     let mut out = scene(lamp, glowing);
-    out.images.push(dots(32, white));
+    out.images.push(dots(side, white));
     let floor = quad(vec3(-1.0, 0.0, -1.0), vec3(0.0, 0.0, 2.0), vec3(2.0, 0.0, 0.0));
     out.materials.push(Material::clay());
     out.primitives.push(Primitive { mesh: floor, material: 1 });
@@ -58,6 +63,18 @@ fn light_sampling_finds_a_spot_between_the_probes() {
     let error = both.1.hypot(spot.1).hypot(patch.1);
     assert!(error < 0.5 * spot.0, "{both:?} {spot:?} {patch:?}");
     assert!((both.0 - spot.0 - patch.0).abs() < 4.0 * error, "{both:?} {spot:?} {patch:?}");
+}
+
+/// A texel whose share of the mean 8 bits do not hold.
+#[test]
+fn a_lamp_with_one_white_texel_of_many_gives_light() {
+    let spot = 256 * 81 + 163;
+    let world = |white: &[usize]| World::new(Parts::from_scene(&under_a_lamp_of(256, white))).unwrap();
+    assert!(!world(&[spot]).lights.is_dark() && world(&[]).lights.is_dark());
+    // The power of its two triangles together: one texel of the unit square sends 1000 to both sides.
+    let power: f32 = world(&[spot]).lights.weights().iter().sum();
+    let expected = 2.0 * std::f32::consts::PI * 1000.0 / 65536.0;
+    assert!((power / expected - 1.0).abs() < 1e-5, "{power}, expected {expected}");
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Adjoint of the materials of a library at a point.
 
-use super::surface::{coat_normal, mapped, reflecting_upwards_vjp};
+use super::surface::{CoatOn, coat_normal, mapped, reflecting_upwards_vjp};
 use super::{Interaction, SurfaceMaterial, World};
 use photofit_scalar::Vec3f;
 use photofit_scene::SampleGradient;
@@ -36,7 +36,8 @@ impl World {
                 (SampleGradient { base_color, roughness, metallic, ..SampleGradient::default() }, d.n)
             }
             Some(e) => {
-                let coat = coat_normal(&e, at, viewer, (false, at.has_rims(sample.metallic)), surface);
+                let on = CoatOn { transmits: false, rims: at.has_rims(sample.metallic) };
+                let coat = coat_normal(&e, at, viewer, on, surface);
                 let parameters = e.parameters(&sample, coat, self.energy, TransportMode::Radiance);
                 let d = parameters.eval_vjp(wo, wi, g)?;
                 let (base_color, roughness, metallic) = (d.base_color, d.roughness, d.metallic);

@@ -199,23 +199,41 @@ impl World {
         self.place_material(index);
     }
 
-    /// Changes the library of textured materials in place (texels, factors), and takes up what changed.
+    /// Changes a copy of the library of textured materials (texels, factors), and takes it up.
     ///
     /// # Errors
-    /// If there is no library, or a library material became invalid: masked though it bounds a medium. The library keeps
-    /// its changes, and the world takes up none of them.
+    /// If there is no library, or a library material became invalid: masked though it bounds a medium, or gone. The world is
+    /// then as it was.
     pub fn edit_library(&mut self, edit: impl FnOnce(&mut SurfaceLibrary)) -> Result<(), PathtraceError> {
-        self.edit_library_where(edit, |_, _| true)
+        let mut other = self.library.clone().ok_or_else(no_library)?;
+        edit(&mut other);
+        self.exchange_in_library(&mut other, std::mem::swap, |_, _| true)
     }
 
-    /// As [`Self::edit_library`]; `glows` tells which materials of the library emit through something that is edited.
-    pub(crate) fn edit_library_where(
+    /// Exchanges a part of the library, which copies nothing; `glows` tells which materials of the library emit through it. On an
+    /// error both are as they were.
+    pub(crate) fn exchange_in_library<T>(
         &mut self,
-        edit: impl FnOnce(&mut SurfaceLibrary),
+        part: &mut T,
+        exchange: impl Fn(&mut SurfaceLibrary, &mut T),
         glows: impl Fn(&SurfaceLibrary, usize) -> bool,
     ) -> Result<(), PathtraceError> {
-        let library = self.library.as_mut().ok_or_else(no_library)?;
-        edit(library);
+        if self.library.is_none() {
+            return Err(no_library());
+        }
+        let exchange = |world: &mut Self, part: &mut T| {
+            if let Some(library) = &mut world.library {
+                exchange(library, part);
+            }
+        };
+        self.exchange_or_undo(part, exchange, |world| world.take_up_library(&glows))
+    }
+
+    /// Takes up materials of a library that changed: all, or none on an error.
+    fn take_up_library(
+        &mut self,
+        glows: &dyn Fn(&SurfaceLibrary, usize) -> bool,
+    ) -> Result<(), PathtraceError> {
         let mut all = Vec::new();
         for (index, material) in self.given.iter().enumerate() {
             if let BsdfSource::Library { index: m } = material.scattering {
@@ -262,7 +280,12 @@ impl World {
             ));
         }
         let emissive = |l: &SurfaceLibrary, m: usize| l.texture_of(m, MapKind::Emissive) == Some(texture);
-        self.edit_library_where(|library| library.set_texels(texture, linear), emissive)
+        let mut other = library.texture(texture).with_base(linear);
+        self.exchange_in_library(
+            &mut other,
+            |library, other| library.exchange_texture(texture, other),
+            emissive,
+        )
     }
 
     /// Replaces all media of both kinds, the surfaces that bound them, and the medium around cameras (see

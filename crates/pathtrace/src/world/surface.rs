@@ -42,8 +42,12 @@ pub struct Interaction {
     pub piece: u32,
 }
 
-/// Metalness beyond which vertex normals are bent until the mirror direction leaves the surface. Others reflect little but
-/// diffusely, which loses nothing there, and are shaded as the rasterizer shades them.
+/// Metalness beyond which vertex normals are bent until the mirror direction leaves the surface.
+///
+/// A compromise: what is no metal, coats on it included, is shaded as the rasterizer shades it, which bends nothing, so that both draw
+/// one asset alike. It loses the more at rims, the more it mirrors there: at grazing angles Fresnel's factor of dielectrics grows
+/// to 1. A step, since metalness of materials is 0 or 1 but for texels at the border of both; a normal that followed metalness would
+/// have to be differentiated with respect to it by path replay, and all metals below 1 would differ from the rasterizer.
 const METAL: f32 = 0.5;
 
 impl Interaction {
@@ -290,7 +294,7 @@ impl World {
         (out.s, out.t) = axes(out.n, tangent);
         let up = vec3(0.0, 0.0, 1.0);
         let coat = match extensions {
-            Some(e) => coat_normal(&e, at, wo, (transmits, rims), out),
+            Some(e) => coat_normal(&e, at, wo, CoatOn { transmits, rims }, out),
             None => up,
         };
         let bsdf = library_bsdf(&sample, extensions.as_ref(), coat, self.energy);
@@ -480,12 +484,21 @@ pub(super) fn mapped(at: &Interaction, map: Vec3f) -> Vec3f {
     if tangent == Vec3f::zero() { at.ns } else { perturb(at.ns, tangent, at.tangent.w, map) }
 }
 
+/// What a coat lies on.
+#[derive(Clone, Copy)]
+pub(super) struct CoatOn {
+    /// Light passes through it.
+    pub(super) transmits: bool,
+    /// Its vertex normals are bent ([`Interaction::has_rims`]).
+    pub(super) rims: bool,
+}
+
 /// The normal of a coat in the frame of the surface below it.
 pub(super) fn coat_normal(
     e: &ExtensionSample,
     at: &Interaction,
     wo: Vec3f,
-    (transmits, rims): (bool, bool),
+    CoatOn { transmits, rims }: CoatOn,
     below: &SurfaceMaterial<'_>,
 ) -> Vec3f {
     let up = vec3(0.0, 0.0, 1.0);

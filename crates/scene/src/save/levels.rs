@@ -210,9 +210,7 @@ fn passing(level: &Texture<f32, 4>, cutoff: f32) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        Instance, Primitive, Sampler, SurfaceLibrary, TextureEncoding, TextureSlot, load, save_glb, to_glb,
-    };
+    use crate::{Instance, Primitive, SurfaceLibrary, TextureEncoding, TextureSlot, load, save_glb, to_glb};
     use photofit_geometry::shapes;
     use photofit_scalar::vec2;
     use photofit_texture::{LevelOfDetail, lookup};
@@ -223,8 +221,7 @@ mod tests {
     }
 
     fn slot(image: usize) -> Option<TextureSlot> {
-        let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-        Some(TextureSlot { image, sampler: Sampler::default(), tex_coord: 0, transform })
+        Some(TextureSlot::new(image))
     }
 
     fn levels_of(scene: &Scene, image: usize) -> Vec<Level> {

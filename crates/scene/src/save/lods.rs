@@ -117,7 +117,7 @@ fn merged(levels: &[Scene]) -> (Scene, Vec<usize>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Bind, Instance, Material, MorphTarget, Primitive, Sampler, TextureImage, TextureSlot, load};
+    use crate::{Bind, Instance, Material, MorphTarget, Primitive, TextureImage, TextureSlot, load};
     use photofit_geometry::shapes;
     use serde_json::Value;
 
@@ -125,12 +125,7 @@ mod tests {
     fn level(frequency: u32, color: u8, parts: usize) -> Scene {
         let mut mesh = shapes::icosphere(frequency);
         mesh.uvs = mesh.positions.iter().map(|p| photofit_scalar::vec2(p.x, p.y)).collect();
-        let slot = TextureSlot {
-            image: 0,
-            sampler: Sampler::default(),
-            tex_coord: 0,
-            transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-        };
+        let slot = TextureSlot::new(0);
         let material = Material { base_color_texture: Some(slot), ..Material::clay() };
         let image = TextureImage { width: 1, height: 1, texels: vec![[color; 4]], ..TextureImage::default() };
         let instance = |primitive| Instance { primitive, transform: glam::Affine3A::IDENTITY };

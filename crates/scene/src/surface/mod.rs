@@ -76,7 +76,7 @@ struct Slot {
 }
 
 /// A material with what does not depend on the point worked out.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Compiled {
     constant: SurfaceSample,
     base_alpha: f32,
@@ -100,7 +100,7 @@ struct Compiled {
 /// alpha where the material is not opaque), or in floating point once [`Self::set_texels`] has replaced them; those
 /// without a slot that is read, or whose factor is zero, are left out. Occlusion is not a property of the surface and is
 /// read by [`Self::with_occlusion`] alone.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct SurfaceLibrary {
     textures: Vec<MipTexture>,
     materials: Vec<Compiled>,
@@ -165,6 +165,15 @@ impl SurfaceLibrary {
     /// If there is no such texture, or it has another number of texels.
     pub fn set_texels(&mut self, index: usize, linear: &[[f32; 4]]) {
         self.textures[index].set_base(linear);
+    }
+
+    /// Exchanges one texture for another of the same size.
+    ///
+    /// # Panics
+    /// If there is no such texture, or the other has another layout.
+    pub fn exchange_texture(&mut self, index: usize, other: &mut MipTexture) {
+        assert_eq!(self.textures[index].layout(), other.layout(), "a texture of the same size");
+        std::mem::swap(&mut self.textures[index], other);
     }
 
     /// The factors of a material, which its textures multiply: base colour, roughness, metalness, emission.

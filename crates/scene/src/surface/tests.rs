@@ -13,12 +13,7 @@ fn image(width: usize, height: usize, texel: impl Fn(usize, usize) -> [u8; 4]) -
 }
 
 fn slot(image: usize, filter: Filter) -> TextureSlot {
-    TextureSlot {
-        image,
-        sampler: Sampler { filter, ..Sampler::default() },
-        tex_coord: 0,
-        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-    }
+    TextureSlot { sampler: Sampler { filter, ..Sampler::default() }, ..TextureSlot::new(image) }
 }
 
 fn scene(material: Material, images: Vec<TextureImage>) -> Scene {

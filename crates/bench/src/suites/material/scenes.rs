@@ -4,7 +4,7 @@ use glam::{Affine3A, Vec3};
 use photofit_geometry::{Mesh, shapes};
 use photofit_pathtrace::View;
 use photofit_scalar::{Vec3f, vec2, vec3};
-use photofit_scene::{Camera, Instance, Material, Primitive, Sampler, Scene, TextureImage, TextureSlot};
+use photofit_scene::{Camera, Instance, Material, Primitive, Scene, TextureImage, TextureSlot};
 
 /// Texels along the side of a texture.
 const TEXELS: usize = 32;
@@ -107,9 +107,8 @@ fn add(scene: &mut Scene, mesh: Mesh, color: Texel<'_>, [a, b]: [[u8; 4]; 2]) {
             texels: (0..TEXELS * TEXELS).map(|i| texel(i % TEXELS, i / TEXELS)).collect(),
             ..TextureImage::default()
         });
-        let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
         let image = scene.images.len() - 1;
-        Some(TextureSlot { image, sampler: Sampler::default(), tex_coord: 0, transform })
+        Some(TextureSlot::new(image))
     };
     let base_color_texture = slot(color);
     let metallic_roughness_texture = slot(&|_, y| if y / 8 % 2 == 0 { a } else { b });

@@ -54,8 +54,7 @@ impl World {
         });
         let sampler =
             Sampler { wrap_u: Wrap::ClampToEdge, wrap_v: Wrap::ClampToEdge, filter: Filter::Bilinear };
-        let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-        Some(TextureSlot { image: self.scene.images.len() - 1, sampler, tex_coord: 0, transform })
+        Some(TextureSlot { sampler, ..TextureSlot::new(self.scene.images.len() - 1) })
     }
 
     pub(crate) fn with<R>(&self, ask: impl FnOnce(&ReferenceSurface<'_>) -> R) -> R {

@@ -5,8 +5,8 @@ use photofit_geometry::Mesh;
 use photofit_scalar::{vec2, vec3};
 use photofit_scene::{
     Animation, Bind, Channel, Curve, Hierarchy, Influences, Instance, Interpolation, Material, Node,
-    NodeMesh, NodePrimitive, NodeTransform, Placement, Primitive, Property, Sampler, Scene, Skin,
-    TextureImage, TextureSlot,
+    NodeMesh, NodePrimitive, NodeTransform, Placement, Primitive, Property, Scene, Skin, TextureImage,
+    TextureSlot,
 };
 use std::sync::Arc;
 
@@ -112,12 +112,7 @@ pub(crate) fn arm(rings: usize, around: usize) -> Scene {
         let stripe = if (x / 4 + y / 4).is_multiple_of(2) { 230 } else { 60 };
         [stripe, (40 + 6 * y) as u8, (230 - 6 * x) as u8, 255]
     };
-    let slot = TextureSlot {
-        image: 0,
-        sampler: Sampler::default(),
-        tex_coord: 0,
-        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-    };
+    let slot = TextureSlot::new(0);
     Scene {
         name: "arm".into(),
         primitives: [upper, small].map(|mesh| Primitive { mesh, material: 0 }).into(),

@@ -17,6 +17,8 @@ pub enum Runs {
     No,
     /// What decides is not known yet.
     Open,
+    /// Nothing runs: it is a fact.
+    Note,
 }
 
 impl From<bool> for Runs {
@@ -41,6 +43,11 @@ impl Item {
     pub fn of(what: &'static str, runs: bool, why: impl Into<String>, why_not: impl Into<String>) -> Self {
         Self { what, runs: runs.into(), why: if runs { why.into() } else { why_not.into() } }
     }
+
+    /// A fact.
+    pub fn note(what: &'static str, why: impl Into<String>) -> Self {
+        Self { what, runs: Runs::Note, why: why.into() }
+    }
 }
 
 /// What a task runs and skips; printable and comparable.
@@ -48,8 +55,24 @@ impl Item {
 pub struct PlanRows {
     /// Passes and data.
     pub items: Vec<Item>,
-    /// Stretches of the fit, one line each.
-    pub phases: Vec<String>,
+    /// Stretches of the fit.
+    pub phases: Vec<PhaseRow>,
+}
+
+/// A stretch of a fit.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PhaseRow {
+    /// The step that it begins with.
+    pub first: u64,
+    /// What it does, in one line.
+    pub text: String,
+}
+
+impl PhaseRow {
+    /// The same as a stretch of one of several fits.
+    pub(crate) fn of_part(&self, part: &str) -> Self {
+        Self { text: format!("{part}: {}", self.text), ..*self }
+    }
 }
 
 impl PlanRows {
@@ -58,11 +81,9 @@ impl PlanRows {
         Self { items, phases: self::phases(phases) }
     }
 
-    /// The same of a fit that came to so many steps: of one without any no phase began.
-    pub(crate) fn ended(mut self, steps: u64) -> Self {
-        if steps == 0 {
-            self.phases.clear();
-        }
+    /// The same of a fit that came as far as this step: without the phases that it did not begin.
+    pub(crate) fn ended(mut self, reached: u64) -> Self {
+        self.phases.retain(|p| p.first < reached);
         self
     }
 
@@ -85,10 +106,11 @@ impl fmt::Display for PlanRows {
                 Runs::Yes => "run ",
                 Runs::No => "skip",
                 Runs::Open => "open",
+                Runs::Note => "note",
             };
             format!("  {runs} {what:<22} {why}")
         });
-        let phases = self.phases.iter().map(|p| format!("  {p}"));
+        let phases = self.phases.iter().map(|p| format!("  {}", p.text));
         f.write_str(&lines.chain(phases).collect::<Vec<_>>().join("\n"))
     }
 }
@@ -118,7 +140,7 @@ pub(crate) fn loss(loss: PictureLoss, noise: Option<f64>, steps: bool) -> Item {
 
 /// The row of where a fit runs, and why there.
 pub(crate) fn device(why: String) -> Item {
-    Item { what: "device", runs: Runs::Yes, why }
+    Item::note("device", why)
 }
 
 /// The row of mip levels with texels of their own, and the sizes of the pictures that they are fitted to, by a fit that makes
@@ -131,6 +153,9 @@ pub(crate) fn free_mips([least, most]: [usize; 2], steps: bool) -> Item {
     Item::of("free mip levels", steps, why, NO_STEPS)
 }
 
+/// Share of pixels below which no figure is told.
+const LEAST_TOLD: f64 = 1e-4;
+
 /// The row of views that show the backs of single-sided surfaces: the share of the asset's pixels that these change, and of the
 /// views.
 pub(crate) fn backs(seen: f64, share: f32) -> Item {
@@ -140,7 +165,10 @@ pub(crate) fn backs(seen: f64, share: f32) -> Item {
         100.0 * share
     );
     let why_not = match seen {
-        0.0 => "none is seen".to_owned(),
+        seen if seen <= 0.0 => "none is seen".to_owned(),
+        seen if seen < LEAST_TOLD => {
+            format!("they are seen in less than {}% of the asset's pixels", 100.0 * LEAST_TOLD)
+        }
         _ => format!("they are seen in {percent:.2}% of the asset's pixels alone"),
     };
     Item::of("single-sided backs", share > 0.0, shown, why_not)
@@ -157,12 +185,12 @@ pub(crate) fn own_loss(loss: PictureLoss, steps: bool) -> Item {
     Item::of("loss", steps, why, NO_STEPS)
 }
 
-/// Why nothing is fitted where the options ask for no steps.
+/// Why nothing is fitted where no steps are made: none are asked for, nothing asks for one, or the work ended before the first.
 pub(crate) const NO_STEPS: &str = "no steps are made";
 
 /// Why only one layer is drawn.
 pub(crate) fn opaque() -> String {
-    format!("every surface is opaque: one layer of {}, no blending", Passes::default().max_layers)
+    format!("every surface is opaque: one layer in place of {}, no blending", Passes::default().max_layers)
 }
 
 /// The row of the steps that were made, of those that were to be made at most.
@@ -170,16 +198,28 @@ pub(crate) fn steps(made: u64, most: u64) -> Item {
     Item::of("steps", made > 0, format!("{made} of at most {most}"), format!("none of at most {most}"))
 }
 
-/// The row of triangles of the asset that nobody sees: those that the decimation of the start left out, those, and all.
-pub(crate) fn unseen([dropped, unseen, all]: [usize; 3]) -> Item {
-    let decimated = dropped == 0 && unseen > 0;
-    let why_not = format!("{dropped} of {all}: left out of the decimation, of {unseen} that nobody sees");
-    Item::of(
-        "unseen triangles",
-        decimated,
-        format!("{unseen} of {all}: none is left out of the decimation"),
-        why_not,
-    )
+/// Triangles of an asset that nobody sees; those without area do not count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Unseen {
+    /// Left out of the decimation.
+    pub(crate) dropped: usize,
+    /// All that nobody sees.
+    pub(crate) unseen: usize,
+    /// All.
+    pub(crate) all: usize,
+}
+
+/// The row of triangles of the asset that nobody sees, where the start is decimated from it.
+pub(crate) fn unseen(Unseen { dropped, unseen, all }: Unseen) -> Item {
+    const ROW: &str = "unseen triangles";
+    match (dropped, unseen) {
+        (0, 0) => Item::note(ROW, format!("none of {all}")),
+        (0, _) => Item::note(ROW, format!("{unseen} of {all}: all of them are decimated with the others")),
+        _ => {
+            let why = format!("{dropped} of {all}: left out of the decimation, of {unseen} that nobody sees");
+            Item { what: ROW, runs: Runs::No, why }
+        }
+    }
 }
 
 /// What a fit does with a surface: all that its rows are told from.
@@ -191,15 +231,45 @@ pub(crate) struct Work {
     pub(crate) rates: [f32; CHANNELS],
     /// The same in coarse mip levels that have texels of their own, where there are some.
     pub(crate) coarse: Option<[f32; CHANNELS]>,
+    /// Whether each sample varies and stays as it is.
+    pub(crate) held: [bool; CHANNELS],
     /// Whether positions may move.
     pub(crate) moves: bool,
     /// Whether steps are made.
     pub(crate) steps: bool,
 }
 
+/// Samples of a texel that are drawn: what they are for people, the first, and how many.
+const SAMPLES: [(&str, usize, usize); 7] = [
+    ("base colour", channel::BASE_COLOR, 3),
+    ("alpha", channel::ALPHA, 1),
+    ("share of highlights", channel::GAMMA, 1),
+    ("roughness", channel::ROUGHNESS, 1),
+    ("metalness", channel::METALLIC, 1),
+    ("normals", channel::NORMAL, 3),
+    ("emission", channel::EMISSIVE, 3),
+];
+
+/// What becomes of the samples that are not fitted, where `fitted` are: empty where all are.
+fn others(fitted: usize, held: &[bool; CHANNELS]) -> String {
+    let is_held = |(_, first, count): &&(&str, usize, usize)| held[*first..first + count].contains(&true);
+    let names: Vec<&str> = SAMPLES.iter().filter(is_held).map(|s| s.0).collect();
+    let mut out = String::new();
+    if !names.is_empty() {
+        out += &format!("; held as they are: {}", names.join(", "));
+    }
+    if fitted + held[..channel::USED].iter().filter(|h| **h).count() < channel::USED {
+        out += "; the others are constant";
+    }
+    if held[channel::OCCLUSION] {
+        out += "; occlusion is carried along, not drawn";
+    }
+    out
+}
+
 /// The rows of a surface, as its passes and rates say.
 pub(crate) fn surface(work: &Work) -> Vec<Item> {
-    let Work { passes: p, rates, coarse, moves, steps } = work;
+    let Work { passes: p, rates, coarse, held, moves, steps } = work;
     let not = |why: &str| if *steps { why.to_owned() } else { NO_STEPS.to_owned() };
     let positions = *steps && *moves && p.position_gradients;
     let layers = format!("until nothing shows through, at most {} layers", p.max_layers);
@@ -219,11 +289,12 @@ pub(crate) fn surface(work: &Work) -> Vec<Item> {
     let fitted = if *steps && p.map_gradients { of(rates) } else { 0 };
     let more = coarse.as_ref().map(of).filter(|n| *n > fitted);
     let more = more.map_or_else(String::new, |n| format!(" and {n} in coarse mip levels"));
+    let others = others(fitted, held);
     items.push(Item::of(
         "map gradients",
         fitted > 0,
-        format!("{fitted} of {CHANNELS} samples of a texel{more}; the others are constant or unused"),
-        not("all samples of texels are constant or unused"),
+        format!("{fitted} of {} samples of a texel that are drawn{more}{others}", channel::USED),
+        not(&format!("no sample of a texel is fitted{others}")),
     ));
     let gradients = [
         ("base colour gradients", channel::BASE_COLOR, true),
@@ -242,7 +313,8 @@ pub(crate) fn surface(work: &Work) -> Vec<Item> {
             r if r < 1.0 => format!("at {r:.1} of the rate of maps"),
             _ => "fitted".into(),
         };
-        items.push(Item::of(what, flows, why, not("not fitted: constant or unused")));
+        let stays = if held[channel] { "held as it is" } else { "constant" };
+        items.push(Item::of(what, flows, why, not(stays)));
     }
     items
 }
@@ -254,8 +326,8 @@ pub(crate) fn evaluation(measure: Measure, why: &str) -> Item {
     Item { what: "clamped evaluation", runs: clamped.into(), why: format!("{how}: {why}") }
 }
 
-/// One line for each phase that has steps.
-pub(crate) fn phases<M>(phases: &[Phase<'_, M>]) -> Vec<String> {
+/// One row for each phase that has steps.
+pub(crate) fn phases<M>(phases: &[Phase<'_, M>]) -> Vec<PhaseRow> {
     let mut groups: Vec<&str> = Vec::new();
     for (name, _) in phases.iter().flat_map(|p| &p.rates) {
         if !groups.contains(&&**name) {
@@ -277,7 +349,8 @@ pub(crate) fn phases<M>(phases: &[Phase<'_, M>]) -> Vec<String> {
             n => format!(", pictures 1/{n} as wide"),
         };
         let fade = if p.fade.is_some() { ", masks fade" } else { "" };
-        format!("{}: {} steps at most, {}{size}{fade}", p.name, p.steps, moves.join(", "))
+        let text = format!("{}: {} steps at most, {}{size}{fade}", p.name, p.steps, moves.join(", "));
+        PhaseRow { first: p.first, text }
     };
     phases.iter().filter(|p| p.steps > 0).map(line).collect()
 }

@@ -89,6 +89,31 @@ fn flat_normals_and_constant_maps_are_skipped() {
 }
 
 #[test]
+fn samples_that_vary_and_are_not_fitted_are_told() {
+    let told = |candidate: &Candidate| {
+        let plan = planned(candidate, 100);
+        let rows = rows::surface(&plan.work(100));
+        assert_eq!(rows, rows::surface(&Surface::new(candidate.clone(), &plan).work(100)));
+        let of = |what| rows.iter().find(|i| i.what == what).expect("a row").why.clone();
+        [of("map gradients"), of("alpha gradients")]
+    };
+    let some = |i: usize| (i % 2) as f32;
+    let [constant, _] = told(&candidate(AlphaMode::Opaque, |_, _| {}));
+    assert!(constant.ends_with("are drawn; the others are constant"), "{constant}");
+    let [occluded, _] = told(&candidate(AlphaMode::Opaque, |i, t| t[channel::OCCLUSION] = some(i)));
+    assert!(
+        occluded.ends_with("the others are constant; occlusion is carried along, not drawn"),
+        "{occluded}"
+    );
+    let [unlit, _] = told(&candidate(AlphaMode::Opaque, |i, t| t[channel::GAMMA] = some(i)));
+    assert!(unlit.contains("; held as they are: share of highlights; the others"), "{unlit}");
+    let mut glass = candidate(AlphaMode::Blend, |i, t| t[channel::ALPHA] = 0.5 + 0.2 * some(i));
+    glass.classes[0].see_through = true;
+    let [maps, alpha] = told(&glass);
+    assert!(maps.contains("held as they are: alpha") && alpha == "held as it is", "{maps}, {alpha}");
+}
+
+#[test]
 fn what_coarse_mip_levels_fit_beyond_the_base_is_told() {
     let mut sheet = candidate(AlphaMode::Opaque, |_, _| {});
     for free in [false, true] {
@@ -105,7 +130,7 @@ fn what_coarse_mip_levels_fit_beyond_the_base_is_told() {
         let row = |what| told.iter().find(|i| i.what == what).expect("a row");
         assert_eq!(row("roughness gradients").runs, free.into(), "{told:?}");
         let maps = &row("map gradients").why;
-        assert!(maps.contains("3 of 16") && maps.contains("4 in coarse mip levels") == free, "{maps}");
+        assert!(maps.contains("3 of 13") && maps.contains("4 in coarse mip levels") == free, "{maps}");
     }
     assert!(rows::free_mips([16, 64], true).why.contains("coarse ones at 5 times the rate"));
 }

@@ -3,7 +3,7 @@
 use super::*;
 use photofit_pathtrace::LightSource;
 use photofit_scene::{
-    Instance, MapKind, Material as SceneMaterial, Primitive, Sampler, Scene, TextureImage, TextureSlot,
+    Instance, MapKind, Material as SceneMaterial, Primitive, Scene, TextureImage, TextureSlot,
 };
 
 /// Width and height of pictures and of the map.
@@ -16,12 +16,7 @@ pub(super) fn hall() -> World {
         let (x, y) = (i % MAP, i / MAP);
         if (x / 4 + y / 4) % 2 == 0 { [210, 150, 90, 255] } else { [90, 130, 200, 255] }
     };
-    let slot = TextureSlot {
-        image: 0,
-        sampler: Sampler::default(),
-        tex_coord: 0,
-        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-    };
+    let slot = TextureSlot::new(0);
     let floor = SceneMaterial { base_color_texture: Some(slot), ..SceneMaterial::clay() };
     let floor = SceneMaterial { base_color: [1.0; 4], ..floor };
     let ball = SceneMaterial { roughness: 0.3, metallic: 1.0, ..SceneMaterial::clay() };

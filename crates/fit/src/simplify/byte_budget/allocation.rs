@@ -1,7 +1,7 @@
 //! One way of storing each image, such that they fit into a number of bytes with the least loss: a multiple-choice
 //! knapsack, solved by dynamic programming over rounded bytes.
 
-/// Bytes and loss of a way to store an image.
+/// Bytes and loss of a variant: a way to store an image.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Variant {
     pub(super) bytes: u64,
@@ -11,20 +11,20 @@ pub(super) struct Variant {
 /// Parts into which the bytes are divided: what is lost by rounding is less than a part for each image.
 const PARTS: u64 = 4096;
 
-/// The index of each image's way, or none if even the smallest do not fit.
+/// The index of each image's variant, or none if even the smallest do not fit.
 pub(super) fn least_loss(images: &[Vec<Variant>], most: u64) -> Option<Vec<usize>> {
     let part = most.div_ceil(PARTS).max(1);
     let room = (most / part) as usize;
     // The least loss of the images so far within so many parts, and how the last one of them is stored.
     let mut losses = vec![0.0; room + 1];
     let mut chosen: Vec<Vec<usize>> = Vec::new();
-    for ways in images {
+    for variants in images {
         let mut next = vec![f64::INFINITY; room + 1];
         let mut how = vec![usize::MAX; room + 1];
-        for (index, way) in ways.iter().enumerate() {
-            let parts = usize::try_from(way.bytes.div_ceil(part)).unwrap_or(usize::MAX);
+        for (index, variant) in variants.iter().enumerate() {
+            let parts = usize::try_from(variant.bytes.div_ceil(part)).unwrap_or(usize::MAX);
             for at in parts..=room {
-                let loss = losses[at - parts] + way.loss;
+                let loss = losses[at - parts] + variant.loss;
                 if loss < next[at] {
                     (next[at], how[at]) = (loss, index);
                 }
@@ -66,8 +66,8 @@ mod tests {
         for _ in 0..200 {
             let images: Vec<Vec<Variant>> = (0..1 + random(4))
                 .map(|_| {
-                    let way = |b: u64| Variant { bytes: 1 + b % 900, loss: (b / 900 % 1000) as f64 };
-                    (0..1 + random(6)).map(|_| way(random(1 << 30))).collect()
+                    let variant = |b: u64| Variant { bytes: 1 + b % 900, loss: (b / 900 % 1000) as f64 };
+                    (0..1 + random(6)).map(|_| variant(random(1 << 30))).collect()
                 })
                 .collect();
             let most = random(2500);
@@ -77,7 +77,7 @@ mod tests {
                 none += 1;
                 continue;
             };
-            let taken = || choice.iter().zip(&images).map(|(i, ways)| ways[*i]);
+            let taken = || choice.iter().zip(&images).map(|(i, variants)| variants[*i]);
             assert!(taken().map(|w| w.bytes).sum::<u64>() <= most);
             assert_eq!(Some(taken().map(|w| w.loss).sum::<f64>()), best);
         }
@@ -86,9 +86,11 @@ mod tests {
 
     #[test]
     fn rounding_loses_little_and_never_overflows() {
-        let way = |bytes, loss| Variant { bytes, loss };
-        let images =
-            vec![vec![way(900_001, 0.0), way(500_000, 3.0)], vec![way(99_000, 1.0), way(u64::MAX, 0.0)]];
+        let variant = |bytes, loss| Variant { bytes, loss };
+        let images = vec![
+            vec![variant(900_001, 0.0), variant(500_000, 3.0)],
+            vec![variant(99_000, 1.0), variant(u64::MAX, 0.0)],
+        ];
         assert_eq!(least_loss(&images, 1_000_000), Some(vec![0, 0]));
         assert_eq!(least_loss(&images, 800_000), Some(vec![1, 0]));
         assert_eq!(least_loss(&images, 0), None);

@@ -11,7 +11,7 @@ use crate::engine::views::Lighting;
 use photofit_geometry::decimate::Target;
 use photofit_geometry::shapes;
 use photofit_scalar::vec3;
-use photofit_scene::{Material, Sampler, Scene, TextureImage, TextureSlot};
+use photofit_scene::{Material, Scene, TextureImage, TextureSlot};
 
 fn free() -> SimplifyOptions {
     let texture_encoding = TextureEncoding::Ktx2 { quality: 90 };
@@ -46,14 +46,16 @@ fn coarse_texels_of_several_kinds_of_surfaces_are_refused() {
     let (opaque, blend) = (AlphaMode::Opaque, AlphaMode::Blend);
     let lit = class(opaque, opaque, false);
     let unlit = class(opaque, opaque, true);
-    let glass = class(opaque, blend, false);
+    let glass = MaterialClass { see_through: Some(0.25), ..class(opaque, blend, false) };
+    let hazy = MaterialClass { written: blend, ..glass.clone() };
     let leaf = class(blend, blend, false);
     let refused =
         |classes: &[MaterialClass]| check_classes(&free(), classes).map_err(|e| e.to_string()).err();
     assert_eq!(refused(&[lit.clone(), glass.clone()]), None);
     assert_eq!(refused(std::slice::from_ref(&unlit)), None);
     assert!(refused(&[lit.clone(), unlit.clone()]).is_some_and(|e| e.contains("all lit or all unlit")));
-    assert!(refused(&[glass.clone(), leaf.clone()]).is_some_and(|e| e.contains("without glass")));
+    assert!(refused(&[glass.clone(), leaf.clone()]).is_some_and(|e| e.contains("without alpha")));
+    assert!(refused(std::slice::from_ref(&hazy)).is_some_and(|e| e.contains("without alpha")));
     check_classes(&SimplifyOptions::default(), &[lit, unlit, glass, leaf]).unwrap();
 }
 
@@ -76,8 +78,7 @@ fn ball() -> Scene {
         let [x, y, z] = n.to_array().map(|x| (127.5 + 127.5 * x) as u8);
         [x, y, z, 255]
     };
-    let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-    let slot = TextureSlot { image: 0, sampler: Sampler::default(), tex_coord: 0, transform };
+    let slot = TextureSlot::new(0);
     let glossy = Material { metallic: 1.0, roughness: 0.3, normal_texture: Some(slot), ..Material::clay() };
     let texels = (0..width * height).map(normal).collect();
     let images = vec![TextureImage { width, height, texels, ..TextureImage::default() }];

@@ -8,6 +8,9 @@ use crate::engine::plan::{Item, Runs};
 use photofit_scene::{AlphaMode, Material, Scene, TextureSlot};
 use std::collections::BTreeSet;
 
+/// What transparent materials are.
+const THROUGH: &str = "are cut out, blended or let light pass";
+
 /// What a light asset has of the asset's surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LightSurface {
@@ -27,6 +30,7 @@ pub(super) struct Asset {
     /// Materials of something visible.
     materials: usize,
     masked: usize,
+    /// Blended, without those that let light pass.
     blended: usize,
     transmitting: usize,
     /// Cut out, blended or transmitting.
@@ -73,7 +77,7 @@ impl Asset {
         Self {
             materials: materials.len(),
             masked: count(&|m| matches!(m.alpha_mode, AlphaMode::Mask { .. })),
-            blended: count(&|m| m.alpha_mode == AlphaMode::Blend),
+            blended: count(&|m| m.alpha_mode == AlphaMode::Blend && !transmits(m)),
             transmitting: count(&|m| transmits(m)),
             through: count(&|m| m.alpha_mode != AlphaMode::Opaque || transmits(m)),
             directed: count(&Material::needs_tangents),
@@ -121,23 +125,29 @@ impl Asset {
 
     /// Which surfaces light passes.
     fn alpha_items(&self, steps: Option<u64>, item: &mut dyn FnMut(&'static str, Runs, String)) {
-        let why = match self.through {
-            0 => rows::opaque(),
-            n => self.of(n, "are cut out, blended or let light pass"),
+        // Small and hidden parts may go.
+        let (runs, why) = match self.through {
+            0 => (Runs::No, rows::opaque()),
+            n if n == self.materials => (Runs::Yes, self.of(n, THROUGH)),
+            n => (Runs::Open, self.of(n, &format!("{THROUGH}: where parts of them are left"))),
         };
-        item("transparent layers", (self.through > 0).into(), why);
+        item("transparent layers", runs, why);
         let fades = "masks fade in the steps, so that their outline is fitted";
-        let why = match (self.masked, self.blended) {
+        let alike = match (self.masked, self.blended) {
+            (0, 0) if self.transmitting > 0 => {
+                "nothing but what lets light pass is cut out or blended".into()
+            }
             (0, 0) => "nothing is cut out or blended".into(),
-            _ if steps == Some(0) => NO_STEPS.into(),
             (0, n) => self.of(n, "are blended"),
             (n, 0) => self.of(n, &format!("are cut out: {fades}")),
             (m, n) => self.of(m + n, &format!("are cut out or blended: {fades}")),
         };
-        let runs = match (self.masked + self.blended, steps) {
-            (0, _) | (_, Some(0)) => Runs::No,
-            (_, None) => Runs::Open,
-            (_, Some(_)) => Runs::Yes,
+        let (runs, why) = match (self.masked + self.blended, steps) {
+            (0, _) => (Runs::No, alike),
+            (_, Some(0)) => (Runs::No, NO_STEPS.into()),
+            (n, Some(_)) if n == self.materials => (Runs::Yes, alike),
+            (_, Some(_)) => (Runs::Open, format!("{alike}; where parts of them are left")),
+            (_, None) => (Runs::Open, alike),
         };
         item("alpha gradients", runs, why);
     }
@@ -147,7 +157,13 @@ impl Asset {
     }
 
     /// What is read of the asset's data, and what becomes of it.
-    pub(super) fn data_items(&self, occlusion: Occlusion, surface: LightSurface, items: &mut Vec<Item>) {
+    /// `occlusion` says where occlusion maps come from, if it is known.
+    pub(super) fn data_items(
+        &self,
+        occlusion: Option<Occlusion>,
+        surface: LightSurface,
+        items: &mut Vec<Item>,
+    ) {
         let mut item = |what, runs: bool, why: String| items.push(Item { what, runs: runs.into(), why });
         let some = |n: usize, what: &str, none: &str| if n > 0 { self.of(n, what) } else { none.to_owned() };
         item("unlit surfaces", self.unlit > 0, self.of(self.unlit, "show their base colour as it is"));
@@ -172,41 +188,8 @@ impl Asset {
             },
         );
         item("vertex colours", self.vertex_colors, why.into());
-        // Baked occlusion comes from rays, and is no map of the asset's.
-        let read = || self.slots.iter().filter(|s| !s.occlusion || occlusion == Occlusion::Maps);
-        let sets = [("texture coordinates 0", 0), ("texture coordinates 1", 1)];
-        for ((what, set), there) in sets.into_iter().zip(self.uvs) {
-            let read = read().any(|s| s.set == set);
-            let why = match (there, read) {
-                (true, true) => match surface {
-                    LightSurface::Own => "read by textures, and kept",
-                    LightSurface::New => "read by textures; an atlas has new ones",
-                    LightSurface::Colors => "read by textures; colours of vertices need none",
-                    LightSurface::Open => "read by textures; where maps are new, an atlas has new ones",
-                },
-                (true, false) => "no texture reads them",
-                (false, true) => "missing though a texture reads them: the texel at (0, 0) is shown",
-                (false, false) => "none",
-            };
-            item(what, there && read, why.into());
-        }
-        let images: BTreeSet<usize> = read().map(|s| s.image).collect();
-        let why = match (images.len(), self.images) {
-            (0, 0) => "none".into(),
-            (0, n) => format!("none of {n} images is read"),
-            (r, n) => format!("{r} of {n} images are read"),
-        };
-        item("textures", !images.is_empty(), why);
-        let why = "have one: carried over, not drawn here, since they darken indirect light alone";
-        let (runs, why) = match occlusion {
-            Occlusion::Maps if surface == LightSurface::Colors => {
-                (false, some(self.occluded, "have one: left out, colours of vertices hold none", "none"))
-            }
-            Occlusion::Maps => (self.occluded > 0, some(self.occluded, why, "none")),
-            Occlusion::Rays(r) => (true, format!("baked by {} rays a texel, not drawn here", r.rays)),
-            Occlusion::None => (false, "none, as asked".to_owned()),
-        };
-        item("occlusion textures", runs, why);
+        self.texture_items(occlusion, surface, items);
+        let mut item = |what, runs: bool, why: String| items.push(Item { what, runs: runs.into(), why });
         let why = some(
             self.transmitting,
             "let light pass: drawn blended, their alpha is not fitted",
@@ -238,6 +221,69 @@ impl Asset {
             names => format!("{}: {how}", names.join(", ")),
         };
         item("material extensions", false, why);
+    }
+}
+
+impl Asset {
+    /// Whether something reads such a texture. Baked occlusion comes from rays, and is no map of the asset's.
+    fn reads(&self, occlusion: Option<Occlusion>, such: impl Fn(&Slot) -> bool) -> Runs {
+        let mut slots = self.slots.iter().filter(|s| such(s));
+        match (slots.clone().any(|s| !s.occlusion), slots.next(), occlusion) {
+            (true, _, _) => Runs::Yes,
+            (false, Some(_), None) => Runs::Open,
+            (false, Some(_), Some(Occlusion::Maps)) => Runs::Yes,
+            _ => Runs::No,
+        }
+    }
+
+    /// Texture coordinates, textures and occlusion.
+    fn texture_items(&self, occlusion: Option<Occlusion>, surface: LightSurface, items: &mut Vec<Item>) {
+        const OCCLUSION: &str = "read where the options keep maps of occlusion";
+        let mut item = |what, runs, why: String| items.push(Item { what, runs, why });
+        let sets = [("texture coordinates 0", 0), ("texture coordinates 1", 1)];
+        for ((what, set), there) in sets.into_iter().zip(self.uvs) {
+            let read = self.reads(occlusion, |s| s.set == set);
+            let why = match (there, read) {
+                (true, Runs::Yes) => match surface {
+                    LightSurface::Own => "read by textures, and kept",
+                    LightSurface::New => "read by textures; an atlas has new ones",
+                    LightSurface::Colors => "read by textures; colours of vertices need none",
+                    LightSurface::Open => "read by textures; where maps are new, an atlas has new ones",
+                },
+                (true, Runs::Open) => OCCLUSION,
+                (true, _) => "no texture reads them",
+                (false, Runs::Yes) => "missing though a texture reads them: the texel at (0, 0) is shown",
+                (false, _) => "none",
+            };
+            item(what, if there { read } else { Runs::No }, why.into());
+        }
+        let any = self.reads(occlusion, |_| true);
+        let read = |image: &usize| self.reads(occlusion, |s| s.image == *image) == Runs::Yes;
+        let why = match ((0..self.images).filter(read).count(), self.images) {
+            (0, 0) => "none".into(),
+            (0, _) if any == Runs::Open => OCCLUSION.into(),
+            (0, n) => format!("none of {n} images is read"),
+            (r, n) => format!("{r} of {n} images are read"),
+        };
+        item("textures", any, why);
+        let some =
+            |what: &str| if self.occluded > 0 { self.of(self.occluded, what) } else { "none".to_owned() };
+        let carried = "have one: carried over, not drawn here, since they darken indirect light alone";
+        let (runs, why) = match occlusion {
+            None if self.occluded > 0 => {
+                (Runs::Open, some("have one: carried over where the options keep them"))
+            }
+            None => (Runs::Open, "none; baked where the options say so".to_owned()),
+            Some(Occlusion::Maps) if surface == LightSurface::Colors => {
+                (Runs::No, some("have one: left out, colours of vertices hold none"))
+            }
+            Some(Occlusion::Maps) => ((self.occluded > 0).into(), some(carried)),
+            Some(Occlusion::Rays(r)) => {
+                (Runs::Yes, format!("baked by {} rays a texel, not drawn here", r.rays))
+            }
+            Some(Occlusion::None) => (Runs::No, "none, as asked".to_owned()),
+        };
+        item("occlusion textures", runs, why);
     }
 }
 

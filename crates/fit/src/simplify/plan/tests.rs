@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::candidate::{Candidate, SurfaceClass};
+use crate::engine::plan::rows::Unseen;
 use crate::engine::plan::tests::{candidate, planned, scene};
 use crate::engine::surface::Surface;
 use crate::simplify::{FitRenderer, JudgeRenderer, ReferenceRenderer, SimplifyOptions};
@@ -10,8 +11,8 @@ use photofit_raster::deferred::Passes;
 use photofit_raster::loss::Loss;
 use photofit_raster::{CHANNELS, channel};
 use photofit_scene::{
-    AlphaMode, Anisotropy, Clearcoat, Extensions, Instance, Material, Primitive, Sampler, Sheen,
-    TextureImage, TextureSlot, Transmission, Volume,
+    AlphaMode, Anisotropy, Clearcoat, Extensions, Instance, Material, Primitive, Sheen, TextureImage,
+    TextureSlot, Transmission, Volume,
 };
 use std::collections::BTreeSet;
 
@@ -74,6 +75,8 @@ fn backs_are_told_once_they_are_measured() {
     assert_eq!((told(0.0, 0.0).runs, &*told(0.0, 0.0).why), (Runs::No, "none is seen"));
     let some = told(0.0004, 0.0);
     assert!(some.runs == Runs::No && some.why.contains("0.04%"), "{}", some.why);
+    let few = told(0.000_01, 0.0);
+    assert!(few.runs == Runs::No && few.why.contains("less than 0.01%"), "{}", few.why);
     let shown = told(0.034, 0.25);
     assert!(
         shown.runs == Runs::Yes && shown.why.contains("3.4%") && shown.why.contains("25%"),
@@ -83,19 +86,8 @@ fn backs_are_told_once_they_are_measured() {
 }
 
 #[test]
-fn frozen_positions_run_no_silhouettes() {
-    let (clay, sheet) = (scene(Material::clay()), candidate(AlphaMode::Opaque, |_, _| {}));
-    assert_eq!(runs(&fit_of(&clay, &sheet, 0), "silhouette gradients"), Runs::No);
-    assert_eq!(runs(&fit_of(&clay, &sheet, 9), "silhouette gradients"), Runs::Yes);
-}
-
-#[test]
-fn flat_normals_and_constant_maps_are_skipped() {
+fn before_maps_are_baked_steps_tell_whether_normals_are_drawn() {
     let clay = scene(Material::clay());
-    let flat = fit_of(&clay, &candidate(AlphaMode::Opaque, |_, _| {}), 0);
-    assert_eq!((runs(&flat, "normal map"), runs(&flat, "map gradients")), (Runs::No, Runs::No));
-    let bent = fit(&clay, &candidate(AlphaMode::Opaque, |i, t| t[channel::NORMAL] = 0.1 * (i % 2) as f32));
-    assert_eq!(runs(&bent, "normal map"), Runs::Yes);
     let asked = |steps| FitPlan::new(&clay).with_options(steps, ReferenceKind::RASTERIZED, &Lighting::Mixed);
     assert_eq!(runs(&FitPlan::new(&clay), "normal map"), Runs::Open);
     assert_eq!([0, 9].map(|steps| runs(&asked(steps), "normal map")), [Runs::Open, Runs::Yes]);
@@ -116,6 +108,13 @@ fn blended_surfaces_beside_glass_are_fitted() {
     let of = |extensions, alpha_mode| Material { extensions, alpha_mode, ..Material::clay() };
     let transmission = Some(Transmission { factor: 1.0, texture: None });
     let glass = Some(Box::new(Extensions { transmission, ..Extensions::default() }));
+    // Alpha of glass is not fitted, whatever it means.
+    for mode in [AlphaMode::Opaque, AlphaMode::Blend] {
+        let asked = FitPlan::new(&scene(of(glass.clone(), mode)));
+        let plan = asked.with_options(10, ReferenceKind::RASTERIZED, &Lighting::Mixed);
+        let told = ["transparent layers", "alpha gradients", "transmission"].map(|what| runs(&plan, what));
+        assert_eq!(told, [Runs::Yes, Runs::No, Runs::Yes], "{mode:?}");
+    }
     for beside in [AlphaMode::Blend, AlphaMode::Mask { cutoff: 0.5 }, AlphaMode::Opaque] {
         let mut s = scene(of(glass.clone(), AlphaMode::Opaque));
         s.materials.push(of(None, beside));
@@ -126,9 +125,10 @@ fn blended_surfaces_beside_glass_are_fitted() {
         sheet.classes.push(SurfaceClass { alpha: beside, ..SurfaceClass::default() });
         sheet.class[0] = 1;
         let before = FitPlan::new(&s).with_options(10, ReferenceKind::RASTERIZED, &Lighting::Mixed);
-        let expected = Runs::from(beside != AlphaMode::Opaque);
-        assert_eq!(runs(&before, "alpha gradients"), expected, "{beside:?}");
-        assert_eq!(runs(&fit(&s, &sheet), "alpha gradients"), expected, "{beside:?}");
+        let has_alpha = beside != AlphaMode::Opaque;
+        let open = if has_alpha { Runs::Open } else { Runs::No };
+        assert_eq!(runs(&before, "alpha gradients"), open, "{beside:?}: where the part beside glass is left");
+        assert_eq!(runs(&fit(&s, &sheet), "alpha gradients"), has_alpha.into(), "{beside:?}");
     }
 }
 
@@ -141,7 +141,7 @@ fn without_steps_nothing_is_fitted_by_a_loss() {
         for what in ["logarithmic loss", "free mip levels"] {
             assert_eq!(runs(&plan, what), Runs::from(steps > 0), "{what}, {steps} steps");
         }
-        let stopped = plan.with_result(Written::Baked, 0, None);
+        let stopped = plan.with_result(Written::Baked, [0; 2], None);
         assert_eq!(runs(&stopped, "logarithmic loss"), Runs::No, "no step was made");
     }
 }
@@ -149,13 +149,14 @@ fn without_steps_nothing_is_fitted_by_a_loss() {
 #[test]
 fn unseen_triangles_that_stay_are_told() {
     let plan = FitPlan::new(&scene(Material::clay()));
-    let told = |unseen| {
-        let rows = plan.clone().with_unseen(Some(unseen)).items();
+    let told = |[dropped, unseen, all]: [usize; 3]| {
+        let rows = plan.clone().with_unseen(Some(Unseen { dropped, unseen, all })).items();
         let row = rows.into_iter().find(|i| i.what == "unseen triangles").expect("a row");
         (row.runs, row.why)
     };
-    assert_eq!(told([0, 4, 12]), (Runs::Yes, "4 of 12: none is left out of the decimation".into()));
-    assert_eq!(told([0, 0, 12]).0, Runs::No);
+    assert_eq!(told([0, 4, 12]), (Runs::Note, "4 of 12: all of them are decimated with the others".into()));
+    assert_eq!(told([0, 0, 12]), (Runs::Note, "none of 12".into()));
+    assert_eq!(told([3, 4, 12]).0, Runs::No);
 }
 
 #[test]
@@ -204,36 +205,44 @@ fn where_occlusion_comes_from_is_told() {
     for (occlusion, expected) in
         [(Occlusion::Maps, Runs::No), (Occlusion::None, Runs::No), (Occlusion::Rays(rays), Runs::Yes)]
     {
-        let plan = clay.clone().with_occlusion(occlusion);
+        let plan = clay.clone().with_surfacing(Surfacing::Maps).with_occlusion(occlusion);
         assert_eq!(runs(&plan, "occlusion textures"), expected, "{occlusion:?}");
         assert_eq!(plan.to_string().contains("77 rays a texel"), expected == Runs::Yes, "{plan}");
     }
-    let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-    let slot = TextureSlot { image: 0, sampler: Sampler::default(), tex_coord: 0, transform };
+    let slot = TextureSlot::new(0);
     let occluded = scene(Material { occlusion_texture: Some(slot), ..Material::clay() });
     for (surfacing, expected) in [(Surfacing::Maps, Runs::Yes), (Surfacing::VertexColors, Runs::No)] {
-        let plan = FitPlan::new(&occluded).with_surfacing(surfacing);
+        let plan = FitPlan::new(&occluded).with_surfacing(surfacing).with_occlusion(Occlusion::Maps);
         assert_eq!(runs(&plan, "occlusion textures"), expected, "{surfacing:?}");
         assert_eq!(plan.to_string().contains("have one: left out"), expected == Runs::No, "{plan}");
+    }
+    // What options leave out, the asset alone does not promise.
+    for inspected in [FitPlan::new(&occluded), clay] {
+        assert_eq!(runs(&inspected, "occlusion textures"), Runs::Open);
     }
 }
 
 #[test]
 fn textures_of_occlusion_and_extensions_are_read() {
-    let slot = |tex_coord| {
-        let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-        Some(TextureSlot { image: 0, sampler: Sampler::default(), tex_coord, transform })
-    };
+    let slot = |tex_coord| Some(TextureSlot { tex_coord, ..TextureSlot::new(0) });
     let told = |material, occlusion| {
         let mut s = scene(material);
         s.primitives[0].mesh.uvs1 = s.primitives[0].mesh.uvs.clone();
         s.images =
             vec![TextureImage { width: 1, height: 1, texels: vec![[9; 4]], ..TextureImage::default() }];
-        let plan = FitPlan::new(&s).with_occlusion(occlusion);
+        let plan = FitPlan::new(&s).with_surfacing(Surfacing::Maps).with_occlusion(occlusion);
+        assert_eq!(runs(&FitPlan::new(&s), "texture coordinates 0"), Runs::No);
         ["texture coordinates 0", "texture coordinates 1", "textures"].map(|what| runs(&plan, what))
     };
     let occluded = || Material { occlusion_texture: slot(1), ..Material::clay() };
     assert_eq!(told(occluded(), Occlusion::Maps), [Runs::No, Runs::Yes, Runs::Yes]);
+    let mut inspected = scene(occluded());
+    inspected.primitives[0].mesh.uvs1 = inspected.primitives[0].mesh.uvs.clone();
+    inspected.images =
+        vec![TextureImage { width: 1, height: 1, texels: vec![[9; 4]], ..TextureImage::default() }];
+    for what in ["texture coordinates 1", "textures"] {
+        assert_eq!(runs(&FitPlan::new(&inspected), what), Runs::Open, "{what}: as the options say");
+    }
     assert_eq!(
         told(occluded(), Occlusion::None),
         [Runs::No; 3],
@@ -249,8 +258,7 @@ fn textures_of_occlusion_and_extensions_are_read() {
 
 #[test]
 fn whatever_has_directions_needs_tangents() {
-    let transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-    let slot = Some(TextureSlot { image: 0, sampler: Sampler::default(), tex_coord: 0, transform });
+    let slot = Some(TextureSlot::new(0));
     let with = |extensions| Material { extensions: Some(Box::new(extensions)), ..Material::clay() };
     let coat = Clearcoat { factor: 1.0, normal_texture: slot, ..Clearcoat::default() };
     let coated = with(Extensions { clearcoat: Some(coat), ..Extensions::default() });
@@ -274,13 +282,21 @@ fn phases_say_what_moves_at_which_rate() {
         let rates = vec![("positions".into(), positions), ("maps".into(), 0.002)];
         Phase::<()> { name, first: 0, steps: 40, shrink, rates, fade: None, reinitialised: None }
     };
-    let phases = [phase("coarse", 2, 0.01), phase("fine", 1, 0.004)];
+    let mut phases = [phase("coarse", 2, 0.01), phase("fine", 1, 0.004)];
     let text = FitPlan::new(&scene(Material::clay())).with_phases(&phases).to_string();
     for part in
         ["coarse: 40 steps", "pictures 1/2 as wide", "fine: 40 steps", "positions at 0.4 of their rate"]
     {
         assert!(text.contains(part), "{part:?} in\n{text}");
     }
+    // A fit that ended before a phase began says nothing of it.
+    phases[1].first = 40;
+    let ended = |reached| {
+        let plan = FitPlan::new(&scene(Material::clay())).with_phases(&phases);
+        plan.with_result(Written::Fitted, [reached; 2], None).to_string()
+    };
+    assert!(ended(40).contains("coarse: 40") && !ended(40).contains("fine: 40"), "{}", ended(40));
+    assert!(ended(41).contains("fine: 40") && !ended(0).contains("coarse: 40"), "{}", ended(41));
     let frozen = [phase("maps", 1, 0.0)];
     let text = FitPlan::new(&scene(Material::clay())).with_phases(&frozen).to_string();
     assert!(text.contains("positions frozen"), "{text}");
@@ -321,7 +337,7 @@ fn masks_alone_are_said_to_fade() {
         assert_eq!(runs(&inspected, "alpha gradients"), Runs::Open, "where steps are made");
         let plan = inspected.with_options(10, ReferenceKind::RASTERIZED, &Lighting::Mixed);
         let row = plan.items().into_iter().find(|i| i.what == "alpha gradients").unwrap();
-        assert_eq!(row.runs, Runs::Yes);
+        assert_eq!(row.runs, Runs::Yes, "nothing else is there that could be left alone");
         row.why
     };
     assert!(
@@ -343,17 +359,21 @@ fn light_of_the_fit_through_the_path_tracer_is_told() {
 #[test]
 fn what_can_be_counted_is_told_as_saved() {
     let clay = scene(Material::clay());
-    let plan = fit(&clay, &candidate(AlphaMode::Opaque, |_, _| {})).with_unseen(Some([3, 5, 12]));
+    let plan = fit(&clay, &candidate(AlphaMode::Opaque, |_, _| {})).with_unseen(Some(Unseen {
+        dropped: 3,
+        unseen: 5,
+        all: 12,
+    }));
     let options = SimplifyOptions { report_views: 2, judge_spp: 5, ..Default::default() };
     let plan = plan.with_judgement(options.judgement(&clay));
-    let text = plan.with_result(Written::Fitted, 40, None).to_string();
+    let text = plan.with_result(Written::Fitted, [40; 2], None).to_string();
     let most = Passes::default().max_layers;
     for part in [
         "skip unseen triangles       3 of 12: left out of the decimation, of 5 that nobody sees",
         "steps                  40 of at most 100",
-        &format!("one layer of {most}"),
-        "3 of 16 samples of a texel",
-        "saved: at most 12 pictures of 256 x 256 pixels, 5 samples each, 4 million samples",
+        &format!("one layer in place of {most}, no blending"),
+        "3 of 13 samples of a texel that are drawn; the others are constant",
+        "the report saves up to 12 pictures of 256 x 256 pixels, 5 samples each, 4 million samples",
     ] {
         assert!(text.contains(part), "{part:?} in\n{text}");
     }
@@ -361,12 +381,7 @@ fn what_can_be_counted_is_told_as_saved() {
 
 #[test]
 fn what_was_written_is_what_the_plan_tells() {
-    let slot = TextureSlot {
-        image: 0,
-        sampler: Sampler::default(),
-        tex_coord: 0,
-        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-    };
+    let slot = TextureSlot::new(0);
     let sheen = Sheen { color: [1.0; 3], color_texture: Some(slot), ..Sheen::default() };
     let extensions = Extensions { sheen: Some(sheen), ..Extensions::default() };
     let mut velvet = scene(Material { extensions: Some(Box::new(extensions)), ..Material::clay() });
@@ -375,7 +390,9 @@ fn what_was_written_is_what_the_plan_tells() {
     let mesh = &mut velvet.primitives[0].mesh;
     mesh.colors = vec![photofit_scalar::vec4(1.0, 0.5, 0.2, 1.0); mesh.positions.len()];
     let planned = fit(&velvet, &candidate(AlphaMode::Opaque, |_, _| {}));
-    let told = |written, steps| planned.clone().with_result(written, steps, None).to_string();
+    let told = |written, steps| {
+        planned.clone().with_surfacing(Surfacing::Maps).with_result(written, [steps; 2], None).to_string()
+    };
     let (new, own) = (
         ["an atlas has new ones", "their textures as mean values", "baked into the base colour"],
         ["read by textures, and kept", "sheen: kept as they are", "read, and kept"],
@@ -395,9 +412,9 @@ fn what_was_written_is_what_the_plan_tells() {
     let still = told(Written::Baked, 0);
     assert!(still.contains("skip position gradients     no steps are made"), "{still}");
     // Nothing is baked or fitted where the asset keeps its surface.
-    let kept = FitPlan::new(&velvet).with_surfacing(Surfacing::Kept);
+    let kept = FitPlan::new(&velvet).with_surfacing(Surfacing::Kept).with_occlusion(Occlusion::Maps);
     let kept = kept.with_options(0, ReferenceKind::RASTERIZED, &Lighting::Mixed);
-    for plan in [kept.clone(), kept.with_result(Written::Kept, 0, None)] {
+    for plan in [kept.clone(), kept.with_result(Written::Kept, [0; 2], None)] {
         let text = plan.to_string();
         assert!(own.iter().all(|part| text.contains(part)), "{text}");
         let fitted = ["gradients", "transparent layers", "open "];

@@ -14,7 +14,7 @@ use super::file::Folder;
 use super::texture::Textures;
 use super::{Budget, Limits, normals, place, polygon};
 use crate::error::{Fault, fault};
-use crate::{Primitive, Sampler, Scene, TextureSlot};
+use crate::{Primitive, Scene, TextureSlot};
 use body::Body;
 use header::{Element, Header, Kind, Property};
 use photofit_geometry::Mesh;
@@ -50,12 +50,7 @@ pub(crate) fn parse(bytes: &[u8], folder: &Folder, limits: &Limits) -> Result<Sc
         let image =
             textures.request(file.clone(), "comment TextureFile".into(), file.clone(), bytes.into())?;
         material.base_color = [1.0; 4];
-        material.base_color_texture = Some(TextureSlot {
-            image,
-            sampler: Sampler::default(),
-            tex_coord: 0,
-            transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-        });
+        material.base_color_texture = Some(TextureSlot::new(image));
     }
     scene.materials.push(material);
     if !mesh.positions.is_empty() {

@@ -2,7 +2,7 @@
 
 use super::gltf::{Builder, push, triangle};
 use super::{load_files, refused, refused_with};
-use crate::{Curve, Interpolation, Limits, Property, Sampler, Scene, TextureSlot, to_glb};
+use crate::{Curve, Interpolation, Limits, Property, Scene, TextureSlot, to_glb};
 use glam::Quat;
 use photofit_scalar::vec3;
 use serde_json::{Value, json};
@@ -365,12 +365,7 @@ fn vertices_of_the_bind_pose_are_moved_as_poses_say() {
     twice.instances.push(twice.instances[1]);
     assert_eq!(twice.check_bind_vertices().unwrap_err(), "primitive 1 is placed more than once");
     let mut mapped = scene.clone();
-    let slot = TextureSlot {
-        image: 0,
-        sampler: Sampler::default(),
-        tex_coord: 0,
-        transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-    };
+    let slot = TextureSlot::new(0);
     mapped.materials.iter_mut().for_each(|m| m.normal_texture = Some(slot));
     let told = mapped.deformation(None, 0.0).unwrap_err();
     assert_eq!(told, "primitive 0 has a normal map, but no tangents");
