@@ -68,6 +68,15 @@ pub enum FitError {
         /// What it says, and which option makes the fit smaller.
         source: Box<crate::engine::gpu::NoRoom>,
     },
+    /// The device that draws the pictures of a reference failed.
+    #[cfg(feature = "gpu")]
+    #[error("pictures of the reference on {device}: {source}")]
+    Drawing {
+        /// The device.
+        device: String,
+        /// What it says.
+        source: photofit_gpu::GpuError,
+    },
     /// An optimizer or its preconditioner could not be set up.
     #[error("preconditioner: {0}")]
     Preconditioner(#[source] photofit_optim::OptimError),
@@ -136,6 +145,18 @@ pub struct Difference {
     pub is: Option<String>,
     /// Whether the values are digests, which say nothing to people.
     pub digest: bool,
+}
+
+impl FitError {
+    /// The error of a fit at a step, of which `kept` says what remains, where a device failed that draws for it.
+    pub(crate) fn at_step(self, step: u64, kept: impl FnOnce() -> String) -> Self {
+        #[cfg(feature = "gpu")]
+        if let Self::Drawing { source, .. } = self {
+            return Self::Device { step, source: Box::new(source), kept: kept() };
+        }
+        let _ = (step, kept);
+        self
+    }
 }
 
 impl fmt::Display for Difference {

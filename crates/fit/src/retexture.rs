@@ -135,6 +135,8 @@ pub fn retexture(
     let theirs = Animated::new(reference, &n);
     let rays = n.surface()?;
     let reference_pictures = Rasterized::new(&n.flat, &n.library).animated(&theirs);
+    // What is written is judged by the pictures of the CPU.
+    let drawn = &*options.device.drawing(reference_pictures);
 
     let rest = own.flat(Moment::default())?;
     options.moments.iter().try_for_each(|m| same_triangles(&rest.mesh.triangles, &own.flat(*m)?.mesh, *m))?;
@@ -166,11 +168,11 @@ pub fn retexture(
         moments: options.moments.clone(),
     };
     let count = trainer::HELD_OUT.max(2 * options.moments.len() as u64).min(32);
-    let held_out = HeldOut::new(&reference_pictures, &seen, Sampling::SUPERSAMPLED, count, options.seed)?;
+    let held_out = HeldOut::new(drawn, &seen, Sampling::SUPERSAMPLED, count, options.seed)?;
     held_out.warn_unseen(progress);
     let loss = loss::choose(&held_out);
     let job = Job {
-        reference: &reference_pictures,
+        reference: drawn,
         views: &seen,
         held_out: &held_out,
         sampling: Sampling::SUPERSAMPLED,

@@ -2,6 +2,8 @@
 //! transparent. This is the reference renderer of a fit, and `photofit render`.
 
 mod fragments;
+#[cfg(feature = "gpu")]
+pub(crate) mod gpu;
 
 use crate::progress::{Progress, Silent};
 use fragments::{Corners, Fragments, MOST};
@@ -238,4 +240,4 @@ impl Shading<'_> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -42,6 +42,8 @@ pub use nodes::{
 pub use pose::Pose;
 pub use save::{Compression, save_glb, save_glb_lods, save_glb_with, to_glb, to_glb_with, write_glb};
 pub use skin::{Bind, Influences, MorphTarget, Skin};
+#[cfg(feature = "gpu")]
+pub use surface::gpu;
 pub use surface::{
     ExtensionSample, MapKind, SampleGradient, SampleSink, SurfaceLibrary, SurfacePacket, SurfaceSample,
     UvDerivatives,

@@ -5,6 +5,7 @@
 //! the kernels of a renderer. Texel gradients are fixed-point sums, the same for any order of their terms, until
 //! [`MipBuffers::record_collect`] adds them to the gradients.
 
+pub use crate::stored::gpu::{STORED, StoredTextures, sampler_bits};
 use crate::{Level, MipAdjoint, MipLayout, MipRule, MipSizes, Pyramid, Texture, mip_levels};
 use photofit_gpu::{Buffer, FIXED_READ, Gpu, GpuError, INDEX, Kernel, Recorder, Slot, fixed_words};
 
@@ -35,8 +36,12 @@ pub fn sum_scale(samples: usize) -> f32 {
 
 /// Level of detail, taps and lookups. Needs [`photofit_scalar::WGSL`] before it, a member `maps: MipTable` in the kernel's
 /// parameters, and `var<storage, read> texels: array<vec4<f32>>`.
-pub const LOOKUP: &str =
-    concat!(include_str!("level.wgsl"), include_str!("taps.wgsl"), include_str!("lookup.wgsl"));
+pub const LOOKUP: &str = concat!(
+    include_str!("level.wgsl"),
+    include_str!("taps.wgsl"),
+    include_str!("texels.wgsl"),
+    include_str!("lookup.wgsl")
+);
 /// Texel gradients of lookups. Needs [`LOOKUP`] and [`photofit_gpu::FIXED`], with `sums` of [`MipBuffers::sums`].
 pub const SCATTER: &str = include_str!("scatter.wgsl");
 

@@ -1,5 +1,8 @@
 //! Textures as files hold them: four channels of 8 or 16 bits or floating point, with their mip chain in one array.
 
+#[cfg(feature = "gpu")]
+pub(crate) mod gpu;
+
 use super::filter::downsample;
 use super::{Lookup, MipLayout, MipRule};
 use photofit_scalar::{linear_to_srgb_u8, srgb_table};

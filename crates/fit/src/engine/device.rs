@@ -2,8 +2,9 @@
 
 use super::cpu::{Chain, Cpu};
 #[cfg(feature = "gpu")]
-use super::gpu::{BandCount, GpuSurface, Residence, Shown};
+use super::gpu::{BandCount, DrawnThere, GpuSurface, Residence, Shown};
 use super::posed::Posed;
+use super::reference::{Rasterized, Reference};
 use super::surface::Surface;
 use super::trainer::{Job, Phase, Trained, train};
 use super::views::Moment;
@@ -71,17 +72,27 @@ impl Device {
         }
     }
 
-    /// With where the pictures of the reference are and how pictures are drawn, where a reason is told.
+    /// With where the pictures of the reference are and are drawn, and how pictures are drawn, where a reason is told.
     #[cfg(feature = "gpu")]
-    fn with(&self, told: Option<(Residence, BandCount)>) -> Self {
-        let why = match told {
-            Some((r, bands)) if !self.why.is_empty() => {
-                let bands = if bands.get() > 1 { format!("; {bands}") } else { String::new() };
-                format!("{}; {r}{bands}", self.why)
-            }
-            _ => self.why.clone(),
-        };
+    fn with(&self, told: Option<(Residence, BandCount)>, reference: &dyn Reference) -> Self {
+        let mut why = self.why.clone();
+        if !why.is_empty() {
+            let bands =
+                told.as_ref().filter(|(_, bands)| bands.get() > 1).map(|(_, bands)| bands.to_string());
+            let rows =
+                told.map(|(r, _)| r.to_string()).into_iter().chain(bands).chain(reference.where_drawn());
+            rows.for_each(|row| why += &format!("; {row}"));
+        }
         Self { kind: self.kind.clone(), why }
+    }
+
+    /// A rasterized reference whose pictures are drawn here.
+    pub(crate) fn drawing<'a>(&self, reference: Rasterized<'a>) -> Box<dyn Reference + 'a> {
+        match &self.kind {
+            Kind::Cpu => Box::new(reference),
+            #[cfg(feature = "gpu")]
+            Kind::Gpu { gpu, required } => Box::new(DrawnThere::new(gpu, reference, *required)),
+        }
     }
 
     /// Name and reason, as the plan tells them; none where there is nothing to tell.
@@ -168,9 +179,10 @@ pub(crate) fn train_on<'p, S: Posable + 'p>(
             Err(FitError::Device { step: 0, source, .. }) if !*required => {
                 format!("its first step failed on {name}: {source}")
             }
-            trained => return Ok((trained?, device.with(told))),
+            trained => return Ok((trained?, device.with(told, job.reference))),
         };
         progress.warn(&format!("the fit runs on the CPU: {why}"));
+        job.reference.leave_device(&why);
         let trained = train(Cpu::new(surface)?, job, phases, progress)?;
         return Ok((trained, Device::cpu(&why)));
     }

@@ -114,6 +114,16 @@ pub trait Reference: Sync {
 
     /// A sphere around what the pictures show at a moment.
     fn bounds(&self, moment: Moment) -> Sphere;
+
+    /// Where its pictures are drawn and why there, for the plan; `None` where nothing is chosen.
+    fn where_drawn(&self) -> Option<String> {
+        None
+    }
+
+    /// Has the CPU draw all pictures from now on, for a reason.
+    fn leave_device(&self, why: &str) {
+        let _ = why;
+    }
 }
 
 /// An asset drawn by the rasterizer: direct light without shadows.
@@ -156,6 +166,20 @@ impl<'a> Rasterized<'a> {
     pub fn sampled_by_size(self, fewer: usize) -> Self {
         Self { samples: Samples::BySize(fewer), ..self }
     }
+
+    /// Samples per axis of a pixel of a picture.
+    pub(crate) fn samples_of(&self, setup: &Setup) -> usize {
+        match self.samples {
+            Samples::All(samples) => samples,
+            Samples::BySize(fewer) => (samples_for(setup.width.max(setup.height)) / fewer.max(1)).max(1),
+        }
+    }
+
+    /// What is drawn, as it stands.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn asset(&self) -> (&'a FlatScene, &'a SurfaceLibrary) {
+        (self.flat, self.library)
+    }
 }
 
 impl Reference for Rasterized<'_> {
@@ -169,10 +193,7 @@ impl Reference for Rasterized<'_> {
         let renderer = if setup.backs { renderer.with_backs() } else { renderer };
         let lights = setup.lights.lights();
         // Many samples are those of several smaller pixels.
-        let samples = match self.samples {
-            Samples::All(samples) => samples,
-            Samples::BySize(fewer) => (samples_for(setup.width.max(setup.height)) / fewer.max(1)).max(1),
-        };
+        let samples = self.samples_of(setup);
         let parts = (samples / MOST_AT_ONCE).max(1);
         let (w, h) = (setup.width * parts, setup.height * parts);
         let image = renderer.render(&setup.camera.pinhole(), &lights, w, h, samples / parts);

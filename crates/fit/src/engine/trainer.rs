@@ -401,7 +401,8 @@ impl<M: Model> Trainer<'_, M> {
             fresh: job.fresh as u64,
             sampling: job.sampling,
         };
-        let shots = self.pool.batch(&from, (phase.first, step), phase.shrink)?;
+        let shots = self.pool.batch(&from, (phase.first, step), phase.shrink);
+        let shots = shots.map_err(|e| e.at_step(step, || self.kept()))?;
         let schedule = Schedule::WarmupCosine { warmup: 10, total: phase.steps, floor: 0.05 };
         let factor = schedule.factor(step - phase.first);
         let rates: Vec<f64> = self.groups.iter().map(|g| phase.rate(&g.name) * factor).collect();

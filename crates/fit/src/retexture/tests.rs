@@ -474,7 +474,11 @@ fn an_arm_that_bends_is_fitted_on_a_device_as_on_the_cpu() {
     };
     let (cpu, there) = (run(Device::default()), run(Device::gpu(gpu.clone(), true, "asked for")));
     assert!(there.device.contains(&gpu.report().name), "{}", there.device);
-    assert!(there.plan.to_string().contains("asked for"), "{}", there.plan);
+    let plan = there.plan.to_string();
+    assert!(
+        plan.contains("asked for") && plan.contains("poses of the reference are drawn on the CPU"),
+        "{plan}"
+    );
     println!("{:.3} dB on the CPU, {:.3} dB on the device", cpu.quality.psnr, there.quality.psnr);
     assert!((cpu.quality.psnr - there.quality.psnr).abs() < 0.1 && cpu.written == there.written);
 }

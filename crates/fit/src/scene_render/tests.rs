@@ -16,7 +16,7 @@ use photofit_shading::{Surface, Yaw, face_viewer, perturb, shade, view_direction
 
 /// Spheres beside and behind each other: with all maps and colours of vertices, cut out by a mask, blended, unlit, and
 /// plain.
-fn spheres() -> Scene {
+pub(crate) fn spheres() -> Scene {
     let mut rng = Rng::new(3, 0);
     let mut image = |n: usize| TextureImage {
         width: n,
@@ -65,6 +65,11 @@ fn spheres() -> Scene {
         images,
         ..Scene::default()
     }
+}
+
+/// Who sees all of [`spheres`].
+pub(super) fn camera() -> Camera {
+    Camera::look_at(Vec3::new(0.4, 1.0, 6.0), Vec3::ZERO, Vec3::Y, 0.7, 1.0, 0.1, 20.0)
 }
 
 /// Radiance and alpha of one sample of a triangle, alone.
@@ -172,7 +177,7 @@ fn samples_that_are_shaded_together_are_those_that_are_shaded_alone() {
         Light::Ambient { radiance: vec3(0.1, 0.2, 0.3) },
         Light::Environment { map: &studio, rotation: Yaw::new(0.7), scale: 0.5 },
     ];
-    let camera = Camera::look_at(Vec3::new(0.4, 1.0, 6.0), Vec3::ZERO, Vec3::Y, 0.7, 1.0, 0.1, 20.0);
+    let camera = camera();
     for lights in [&lights[..], &lights[..1], &lights[3..], &[]] {
         let together = renderer.render(&camera, lights, 150, 150, 1);
         let alone = one_by_one(&renderer, &camera, lights, 150);
@@ -184,34 +189,37 @@ fn samples_that_are_shaded_together_are_those_that_are_shaded_alone() {
     }
 }
 
-#[test]
-fn what_lies_behind_glass_of_any_alpha_is_seen() {
+/// A lamp of radiance 1000 behind glass of some alpha.
+pub(super) fn lamp_behind_glass(alpha: f32) -> (Scene, Camera) {
     let card = |z: f32| {
         let mut mesh = shapes::quad_grid(1, 1);
         mesh.positions.iter_mut().for_each(|p| p.z = z);
         mesh
     };
-    let glass = |alpha: f32| Material {
+    let glass = Material {
         base_color: [0.0, 0.0, 0.0, alpha],
         alpha_mode: AlphaMode::Blend,
         unlit: true,
         ..Material::default()
     };
     let lamp = Material { base_color: [1000.0, 1000.0, 1000.0, 1.0], unlit: true, ..Material::default() };
+    let scene = Scene {
+        primitives: vec![
+            Primitive { mesh: card(1.0), material: 0 },
+            Primitive { mesh: card(0.0), material: 1 },
+        ],
+        instances: (0..2).map(|primitive| Instance { primitive, transform: Affine3A::IDENTITY }).collect(),
+        materials: vec![glass, lamp],
+        ..Scene::default()
+    };
+    (scene, Camera::look_at(Vec3::new(0.0, 0.0, 4.0), Vec3::ZERO, Vec3::Y, 0.1, 1.0, 0.1, 20.0))
+}
+
+#[test]
+fn what_lies_behind_glass_of_any_alpha_is_seen() {
     for alpha in [0.5_f32, 0.99, 0.999, 0.9999, 1.0] {
-        let scene = Scene {
-            primitives: vec![
-                Primitive { mesh: card(1.0), material: 0 },
-                Primitive { mesh: card(0.0), material: 1 },
-            ],
-            instances: (0..2)
-                .map(|primitive| Instance { primitive, transform: Affine3A::IDENTITY })
-                .collect(),
-            materials: vec![glass(alpha), lamp.clone()],
-            ..Scene::default()
-        };
+        let (scene, camera) = lamp_behind_glass(alpha);
         let (flat, library) = (scene.flatten(), SurfaceLibrary::new(&scene));
-        let camera = Camera::look_at(Vec3::new(0.0, 0.0, 4.0), Vec3::ZERO, Vec3::Y, 0.1, 1.0, 0.1, 20.0);
         let picture = SceneRenderer::new(&flat, &library).render(&camera, &[], 8, 8, 1);
         let (seen, expected) = (picture.pixel(4, 4)[0], 1000.0 * (1.0 - alpha));
         assert!((seen - expected).abs() <= 1e-3 * expected, "alpha {alpha}: {seen} for {expected}");

@@ -170,7 +170,10 @@ pub(crate) fn simplify_asset(
         return kept::simplify(asset, output, options, began, progress);
     }
     through_path::begin(options, progress);
-    let reference = &*options.rasterized_against().reference(scene, n, options)?;
+    let (device, renderer) = (options.device_of_fit(progress), options.rasterized_against());
+    let judged = &*renderer.reference(scene, n, options)?;
+    let drawn = renderer.drawn_on(&device, n, options);
+    let reference = drawn.as_deref().unwrap_or(judged);
 
     let (views, backs) = backs::views(n, reference, Moment::default(), options)?;
     let sampling = options.sampling();
@@ -206,7 +209,7 @@ pub(crate) fn simplify_asset(
     let levels = start.candidate.fitted_levels();
     let mut plan_with_phases = None;
     let (trained, device) = train_on(
-        &options.device_of_fit(progress),
+        &device,
         Surface::new(start.candidate.clone(), &fitted),
         &job,
         |psnr| {
@@ -217,13 +220,13 @@ pub(crate) fn simplify_asset(
         progress,
     )?;
     let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
-    let chosen = choice::best(asset, trained, (&all[..], starts.best), reference, options, progress)?;
+    let chosen = choice::best(asset, trained, (&all[..], starts.best), judged, options, progress)?;
     if options.surfacing == Surfacing::VertexColors {
         outcome::tell_detail(&chosen.trained.model.candidate, n, progress);
     }
     let spent = fit_began.elapsed();
     let Finished { trained, light, written, fitted, traced_maps, plain } =
-        finish::finish(asset, chosen, spent, reference, options, progress)?;
+        finish::finish(asset, chosen, spent, judged, options, progress)?;
     prepare::tell_budget(options, [scene.triangle_count(), light.triangle_count()], progress);
     let textures = byte_budget::told(&light);
     let path = outcome::save(output, &light, options)?;
@@ -231,7 +234,7 @@ pub(crate) fn simplify_asset(
     let file = photofit_scene::load(&path)?;
     let triangles = [scene.triangle_count(), file.triangle_count()];
     let stages = stages(asset, plain, all, (fitted, written, file), options);
-    let judge = options.judge_of(scene, n, reference);
+    let judge = options.judge_of(scene, n, judged);
     let pictures = judge.views(&stages, options.report_views, progress)?;
     let names: Vec<&'static str> = stages.iter().map(|s| s.name).collect();
     let times = Times { all: began.elapsed().as_secs_f64(), to_file };

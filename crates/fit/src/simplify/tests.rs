@@ -293,6 +293,7 @@ fn a_fit_on_a_device_ends_like_one_on_the_cpu_and_resumes_to_the_same_file() {
     assert!(device.device.contains(&gpu.report().name), "{}", device.device);
     let plan = device.plan.to_string();
     assert!(plan.contains("asked for") && plan.contains("pictures of the reference of"), "{plan}");
+    assert!(plan.contains("pictures of the reference are drawn there"), "{plan}");
     let psnr = |o: &Outcome| o.shipped().unwrap().psnr;
     println!("CPU {:.3} dB, device {:.3} dB", psnr(&cpu), psnr(&device));
     assert!((psnr(&cpu) - psnr(&device)).abs() < 0.1, "{} and {} dB", psnr(&cpu), psnr(&device));

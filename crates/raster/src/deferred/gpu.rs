@@ -5,8 +5,9 @@
 //! every run.
 
 use super::{Masks, Passes, View};
-use crate::gpu::{GradientBuffers, LayerBuffers, MeshBuffers, PictureBuffers, Shading, Work};
+use crate::gpu::{GradientBuffers, LayerBuffers, MeshBuffers, PictureBuffers, Shading, ShadingVjp, Work};
 use crate::rasterize::PixelGrid;
+use crate::rasterize::gpu::BARYCENTRICS;
 use photofit_gpu::{Bind, Buffer, FIXED, Gpu, GpuError, INDEX, Kernel, Recorder, Recording, Slot};
 use photofit_shading::gpu::{Lights, ShadingTables};
 use photofit_shading::{Energy, Environment};
@@ -28,7 +29,7 @@ macro_rules! layer_kernel {
                 LOOKUP,
                 SCATTER,
                 photofit_shading::gpu::WGSL,
-                include_str!("../rasterize/barycentric.wgsl"),
+                BARYCENTRICS,
                 concat!(
                     "const COMPENSATED: bool = ",
                     $compensated,
@@ -245,7 +246,9 @@ impl Shading for MapShading {
         self.slots.0.push(work.dispatch(r, &self.forward, &self.params, &buffers)?);
         Ok(())
     }
+}
 
+impl ShadingVjp for MapShading {
     fn record_vjp(
         &mut self,
         r: &mut Recorder,

@@ -116,6 +116,39 @@ impl MeshBuffers {
         })
     }
 
+    /// A mesh at these positions for pictures without gradients, whose shading brings what it reads besides: normals, tangents,
+    /// texture coordinates and neighbours have no room. `sides` as in [`crate::deferred::Geometry`].
+    ///
+    /// # Errors
+    /// If the device cannot hold a buffer.
+    ///
+    /// # Panics
+    /// If an index is out of range or the lengths disagree.
+    pub fn drawn(
+        gpu: &Gpu,
+        positions: &[[f32; 3]],
+        triangles: &[[u32; 3]],
+        sides: &[Sides],
+    ) -> Result<Self, GpuError> {
+        let inside = |i: &u32| (*i as usize) < positions.len();
+        assert!(triangles.iter().flatten().all(inside), "corners are vertices");
+        assert!(sides.is_empty() || sides.len() == triangles.len(), "one entry of sides per triangle");
+        let surface =
+            |t: usize| TriangleSurface::new(AlphaMode::Opaque, sides.get(t).copied().unwrap_or(Sides::Both));
+        let surfaces: Vec<_> = (0..triangles.len()).map(surface).collect();
+        Ok(Self {
+            positions: gpu.upload("positions", positions)?,
+            normals: gpu.zeros("normals", 0)?,
+            tangents: gpu.zeros("tangents", 0)?,
+            uvs: gpu.zeros("texture coordinates", 0)?,
+            triangles: gpu.upload("triangles", triangles)?,
+            opposite: gpu.zeros("opposite", 0)?,
+            neighbour: gpu.zeros("neighbour", 0)?,
+            surfaces: gpu.upload("surfaces", &surfaces)?,
+            modes: Vec::new(),
+        })
+    }
+
     /// Most layers that a picture has: one of an opaque mesh.
     pub fn layers(&self, passes: &Passes) -> usize {
         if self.modes.is_empty() { 1 } else { passes.max_layers.max(1) }
@@ -128,7 +161,7 @@ impl MeshBuffers {
 
     /// Vertices.
     pub fn vertices(&self) -> usize {
-        self.uvs.len()
+        self.positions.len()
     }
 
     /// Triangles.
@@ -219,6 +252,45 @@ impl PictureBuffers {
             front: gpu.zeros("front", if layers > 1 { samples } else { 0 })?,
             live: gpu.zeros("live", layers + 1)?,
         })
+    }
+}
+
+impl PictureBuffers {
+    /// Room for pictures without gradients ([`super::draw`]) of at most `samples` samples of a mesh, in the places of `pixels` pixels.
+    /// All layers share the buffers of two.
+    ///
+    /// # Errors
+    /// If the device cannot hold a buffer.
+    pub fn drawn(
+        gpu: &Gpu,
+        mesh: &MeshBuffers,
+        samples: usize,
+        pixels: usize,
+        layers: usize,
+    ) -> Result<Self, GpuError> {
+        let layers = layers.max(1);
+        let mut pair = vec![LayerBuffers::new(gpu, samples, false, false)?];
+        if layers > 1 {
+            let (triangle, depth) = (gpu.zeros("triangle", samples)?, gpu.zeros("depth", samples)?);
+            pair.push(LayerBuffers { triangle, depth, ..pair[0].clone() });
+        }
+        Ok(Self {
+            clip: gpu.zeros("clip", mesh.vertices())?,
+            bins: BinBuffers::new(gpu, mesh.triangles(), layers)?,
+            folds: gpu.zeros("folds", 0)?,
+            layers: pair.into_iter().cycle().take(layers).collect(),
+            background: gpu.zeros("background", 0)?,
+            samples: gpu.zeros("samples", samples)?,
+            color: gpu.zeros("color", pixels)?,
+            front: gpu.zeros("front", if layers > 1 { samples } else { 0 })?,
+            live: gpu.zeros("live", layers + 1)?,
+        })
+    }
+
+    /// Bytes of [`Self::drawn`] that a sample takes.
+    pub fn bytes_of_sample(layers: usize) -> usize {
+        // Triangle, depth, fragment and what was laid so far; a second triangle and depth, and what lies in front.
+        if layers > 1 { 52 } else { 40 }
     }
 }
 

@@ -3,11 +3,11 @@
 
 use super::buffers::{GradientBuffers, MeshBuffers, PictureBuffers};
 use super::params::FrameParams;
-use super::shading::Shading;
+use super::shading::{Shading, ShadingVjp};
 use super::steps::{Slots, Steps};
 use crate::antialias::gpu::{antialias, antialias_vjp, fold, silhouettes};
 use crate::deferred::Passes;
-use crate::deferred::composite::{average, blend, blend_vjp, magnify, transparent_part};
+use crate::deferred::composite::{average, blend, blend_vjp, lay_behind, magnify, resolve, transparent_part};
 use crate::project::gpu::{gather, project};
 use crate::rasterize::gpu::{bin, rasterize};
 use photofit_gpu::{GpuError, Recorder};
@@ -64,6 +64,34 @@ pub fn render(
     Ok(steps.finish())
 }
 
+/// Records a picture of a mesh without gradients and without blending of silhouettes, over nothing: premultiplied radiance and
+/// alpha, from pixel [`FrameParams::first`] of `picture.color` on. Layers are laid behind one another from the front on, in
+/// the buffers of two ([`PictureBuffers::drawn`]). `params` are those of the largest picture that the recording is for.
+///
+/// # Errors
+/// If a dispatch does not fit.
+pub fn draw(
+    r: &mut Recorder,
+    mesh: &MeshBuffers,
+    picture: &PictureBuffers,
+    params: &FrameParams,
+    shading: &mut impl Shading,
+) -> Result<Slots, GpuError> {
+    let mut steps = Steps::new(r, params);
+    let s = &mut steps;
+    let samples = s.samples();
+    s.recorder.clear(&picture.live);
+    project(s, mesh, picture)?;
+    bin(s, mesh, picture)?;
+    for (k, layer) in picture.layers.iter().enumerate() {
+        rasterize(s, mesh, picture, k)?;
+        shading.record(s.recorder, mesh, picture, layer, picture.bins.samples(k, samples))?;
+        lay_behind(s, picture, k)?;
+    }
+    resolve(s, picture)?;
+    Ok(steps.finish())
+}
+
 /// Records the adjoint of [`render`] for `g.color`: accumulates into the gradients of `g` and of what the shading reads.
 ///
 /// # Errors
@@ -74,7 +102,7 @@ pub fn render_vjp(
     picture: &PictureBuffers,
     passes: &Passes,
     params: &FrameParams,
-    shading: &mut impl Shading,
+    shading: &mut impl ShadingVjp,
     g: &GradientBuffers,
 ) -> Result<Slots, GpuError> {
     let mut steps = Steps::new(r, params);

@@ -19,7 +19,8 @@ struct Frame {
     fits_alpha: u32,
     // 1 where backs of single-sided triangles are drawn, too.
     backs: u32,
-    pad: u32,
+    // Place of the first pixel of a picture without gradients.
+    first: u32,
 }
 
 @group(0) @binding(0) var<uniform> params: Frame;

@@ -2,7 +2,7 @@
 //!
 //! A picture is recorded once, for the largest size that it will have, and run again and again with other parameters:
 //! [`render`] and [`render_vjp`] put the kernels of all operations into a recording, in the order of the CPU's; what gives
-//! fragments their colours is a [`Shading`].
+//! fragments their colours is a [`Shading`]. [`draw`] is for pictures without gradients.
 
 mod buffers;
 mod frame;
@@ -14,9 +14,9 @@ pub use crate::rasterize::gpu::BinBuffers;
 pub use buffers::{
     GradientBuffers, LayerBuffers, MeshBuffers, PictureBuffers, TriangleSurface, VERTEX_SUMS, vertex_sum,
 };
-pub use frame::{render, render_vjp};
+pub use frame::{draw, render, render_vjp};
 pub use params::{FrameParams, Shot};
-pub use shading::{Shading, Work};
+pub use shading::{Shading, ShadingVjp, Work};
 pub use steps::{Slots, Steps};
 
 use crate::{antialias, deferred, deferred::composite, loss, project, rasterize};
@@ -53,6 +53,8 @@ pub const KERNELS: &[Kernel] = &[
     composite::TRANSPARENT_PART,
     composite::AVERAGE,
     composite::MAGNIFY,
+    composite::LAY_BEHIND,
+    composite::RESOLVE,
     loss::gpu::TERMS,
     loss::gpu::FINISH,
     loss::gpu::SIMILARITY[0],

@@ -31,8 +31,8 @@ pub struct FrameParams {
     pub fits_alpha: u32,
     /// 1 where backs of single-sided triangles are drawn, too.
     pub backs: u32,
-    /// Fills whole vectors.
-    pub pad: u32,
+    /// Where in its buffer the first pixel of a picture lies that is drawn without gradients ([`super::draw`]).
+    pub first: u32,
 }
 
 /// What changes from picture to picture.
@@ -83,7 +83,7 @@ impl FrameParams {
             slope: if let Masks::Faded { slope } = passes.masks { slope } else { 0.0 },
             fits_alpha: u32::from(fits_alpha),
             backs: 0,
-            pad: 0,
+            first: 0,
         }
     }
 }

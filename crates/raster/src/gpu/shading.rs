@@ -47,8 +47,11 @@ pub trait Shading {
         layer: &LayerBuffers,
         work: Work<'_>,
     ) -> Result<(), GpuError>;
+}
 
-    /// Records its adjoint: from `g.shaded` to the sums of vertices in `g.sums` and to the gradients of what the
+/// Shading with an adjoint.
+pub trait ShadingVjp: Shading {
+    /// Records the adjoint of [`Shading::record`]: from `g.shaded` to the sums of vertices in `g.sums` and to the gradients of what the
     /// implementation reads besides, accumulating.
     ///
     /// # Errors

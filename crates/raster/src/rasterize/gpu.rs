@@ -8,6 +8,9 @@
 use crate::gpu::{FRAME, LayerBuffers, MeshBuffers, PictureBuffers, Steps, Work};
 use photofit_gpu::{Buffer, Gpu, GpuError, INDEX, Kernel};
 
+/// Barycentric coordinates, their derivatives and their adjoint in WGSL, for kernels that shade.
+pub const BARYCENTRICS: &str = include_str!("barycentric.wgsl");
+
 const TRIANGLE: &str = include_str!("triangle.wgsl");
 const BOX: &str = include_str!("box.wgsl");
 const DRAW: &[&str] = &[INDEX, FRAME, TRIANGLE, BOX, include_str!("draw.wgsl")];

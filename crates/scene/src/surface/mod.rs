@@ -4,6 +4,8 @@ mod address;
 mod adjoint;
 mod compile;
 mod extensions;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod packet;
 #[cfg(test)]
 mod tests;

@@ -9,6 +9,7 @@ const SIZES: [(usize, usize); 9] =
     [(1, 1), (2, 2), (3, 3), (5, 4), (7, 1), (1, 6), (37, 21), (64, 32), (129, 63)];
 
 mod lookups;
+mod stored;
 
 fn pyramid(size: (usize, usize), rule: MipRule, seed: u64) -> Pyramid<f32, CHANNELS> {
     let mut rng = Uniform::new(seed);
@@ -46,7 +47,7 @@ fn tests_on_a_device_pass_where_there_is_one() {
 
 #[test]
 fn kernels_are_valid() {
-    for kernel in KERNELS.iter().chain([&lookups::FORWARD, &lookups::REVERSE]) {
+    for kernel in KERNELS.iter().chain([&lookups::FORWARD, &lookups::REVERSE, &stored::READ]) {
         validate(kernel).expect("valid");
     }
 }

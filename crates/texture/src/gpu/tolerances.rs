@@ -12,3 +12,5 @@ pub(crate) const LOOKUP_VJP: f64 = 2e-5;
 /// Texel gradients: the same shares; sums of hundreds of terms in `f32` on the CPU (texels at a clamped border), exact on
 /// the device.
 pub(crate) const SCATTER: f64 = 5e-5;
+/// Values of textures in the precision of files: as [`LOOKUP`].
+pub(crate) const STORED: f64 = 2e-5;

@@ -114,19 +114,24 @@ impl Band {
         self.drawn.start * width..self.drawn.end * width
     }
 
-    /// The rows of a projection whose picture is the band: `y' = (H y + (h - H + 2 first) w) / h`, of `H` and `h` rows.
+    /// The rows of a projection whose picture is the band.
     pub(super) fn projection(&self, whole: Matrix4<f32>) -> Matrix4<f32> {
-        if self.rows() == self.of {
-            return whole;
-        }
-        let [rows, of, first] = [self.rows(), self.of, self.drawn.start].map(|n| n as f64);
-        let (scale, shift) = (of / rows, (rows - of + 2.0 * first) / rows);
-        let mut out = whole;
-        for (k, y) in out[1].iter_mut().enumerate() {
-            *y = (scale * f64::from(whole[1][k]) + shift * f64::from(whole[3][k])) as f32;
-        }
-        out
+        projection_of_rows(whole, &self.drawn, self.of)
     }
+}
+
+/// The rows of a projection whose picture is these rows of `of`: `y' = (H y + (h - H + 2 first) w) / h`, of `H` and `h` rows.
+pub(crate) fn projection_of_rows(whole: Matrix4<f32>, drawn: &Range<usize>, of: usize) -> Matrix4<f32> {
+    if drawn.len() == of {
+        return whole;
+    }
+    let [rows, of, first] = [drawn.len(), of, drawn.start].map(|n| n as f64);
+    let (scale, shift) = (of / rows, (rows - of + 2.0 * first) / rows);
+    let mut out = whole;
+    for (k, y) in out[1].iter_mut().enumerate() {
+        *y = (scale * f64::from(whole[1][k]) + shift * f64::from(whole[3][k])) as f32;
+    }
+    out
 }
 
 #[cfg(test)]

@@ -7,11 +7,13 @@
 //! share their buffers, one after the other; where there is no room for a whole one, it is drawn in bands of rows.
 
 mod bands;
+mod drawn;
 mod poses;
 mod recorded;
 mod references;
 mod resident;
 mod room;
+mod skies;
 mod stage;
 mod weights;
 
@@ -25,6 +27,8 @@ use crate::FitError;
 use crate::candidate::Vertices;
 pub use bands::BandCount;
 use bands::Bands;
+pub(crate) use bands::projection_of_rows;
+pub(crate) use drawn::DrawnThere;
 use photofit_gpu::{Buffer, Gpu, GpuError, Kernel, KernelReport, Recording};
 use photofit_optim::OptimError;
 use photofit_optim::gpu::{DeviceOptimizer, LargeStepsSolver};
@@ -37,12 +41,19 @@ use references::References;
 pub use references::{Residence, Shown};
 use resident::Resident;
 pub use room::NoRoom;
-use stage::{Room, Skies, Stage};
+pub(crate) use skies::Skies;
+use stage::{Room, Stage};
 use std::borrow::Cow;
 
 /// The kernels of this crate.
-pub const KERNELS: &[Kernel] =
-    &[resident::HOLD, resident::ADD_LOSSES, references::OVER_NOISE, weights::KERNELS[0], weights::KERNELS[1]];
+pub const KERNELS: &[Kernel] = &[
+    resident::HOLD,
+    resident::ADD_LOSSES,
+    references::OVER_NOISE,
+    weights::KERNELS[0],
+    weights::KERNELS[1],
+    crate::scene_render::gpu::SHADE,
+];
 
 /// A [`Surface`] on a device, as it stands or in poses.
 #[derive(Debug)]
@@ -203,7 +214,7 @@ impl<S: Posable> GpuSurface<S> {
             self.stage =
                 Some(Stage::new(&self.gpu, &self.on, drawn, &self.asset.surface().passes, self.most)?);
         }
-        if self.skies.add(&self.gpu, shots)? {
+        if self.skies.add(&self.gpu, shots.iter().map(|s| &s.lights))? {
             (self.step, self.forward) = (None, None);
         }
         Ok(())

@@ -2,17 +2,15 @@
 
 use super::bands::{Band, Bands};
 use super::resident::Resident;
+use super::skies::Skies;
 use crate::candidate::view;
-use crate::engine::views::{Shot, ViewLight};
+use crate::engine::views::Shot;
 use photofit_gpu::{Gpu, GpuError, Recording};
 use photofit_raster::deferred::gpu::{MapShading, ShadeSlots};
 use photofit_raster::deferred::{Passes, View};
 use photofit_raster::gpu::{self as device, FrameParams, GradientBuffers, PictureBuffers, Slots};
 use photofit_raster::loss::gpu::LossBuffers;
 use photofit_raster::texture::gpu::SUM_SCALE;
-use photofit_shading::Environment;
-use photofit_shading::gpu::ShadingTables;
-use std::sync::Arc;
 
 /// Samples and pixels of the largest picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -40,44 +38,6 @@ impl Room {
 
     pub(super) fn pixel_count(self) -> usize {
         self.pixels[0] * self.pixels[1]
-    }
-}
-
-/// The environments of the views so far, with the tables of shading.
-#[derive(Debug)]
-pub(super) struct Skies {
-    environments: Vec<Arc<Environment>>,
-    pub(super) tables: ShadingTables,
-}
-
-impl Skies {
-    pub(super) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        Ok(Self { environments: Vec::new(), tables: ShadingTables::new(gpu, &[])? })
-    }
-
-    /// Uploads the environments of shots that are not there yet; whether there were any.
-    pub(super) fn add(&mut self, gpu: &Gpu, shots: &[Shot]) -> Result<bool, GpuError> {
-        let mut environments = self.environments.clone();
-        for light in shots.iter().flat_map(|s| &s.lights.0) {
-            if let ViewLight::Environment { map, .. } = light
-                && !environments.iter().any(|e| Arc::ptr_eq(e, map))
-            {
-                environments.push(map.clone());
-            }
-        }
-        let new = environments.len() > self.environments.len();
-        if new {
-            // Where there is no room for the tables, those before still belong to their list.
-            let all: Vec<&Environment> = environments.iter().map(|e| &**e).collect();
-            self.tables = ShadingTables::new(gpu, &all)?;
-            self.environments = environments;
-        }
-        Ok(new)
-    }
-
-    fn number(&self, map: &Environment) -> usize {
-        // `add` has seen every environment that is drawn.
-        self.environments.iter().position(|e| std::ptr::eq(&**e, map)).unwrap_or(0)
     }
 }
 

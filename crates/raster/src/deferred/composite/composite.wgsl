@@ -129,3 +129,70 @@ fn magnify(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) gro
         g_samples[i] = g_color[pixel_of(i)] * (1.0 / f32(params.side * params.side));
     }
 }
+
+@group(0) @binding(1) var<storage, read> layer_triangle: array<u32>;
+@group(0) @binding(2) var<storage, read> layer_shaded: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read_write> in_front: array<u32>;
+@group(0) @binding(4) var<storage, read_write> layer_seen: array<atomic<u32>>;
+// Premultiplied radiance, and the share of light from behind that passes.
+@group(0) @binding(5) var<storage, read_write> laid: array<vec4<f32>>;
+
+// One invocation per sample: lays a layer behind those before it. In mode 1 another one may follow: it is drawn where light from
+// behind passes.
+@compute @workgroup_size(64)
+fn lay_behind(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
+              @builtin(local_invocation_index) lane: u32) {
+    let i = index(group, groups, lane, 64u);
+    if i >= sample_count() {
+        return;
+    }
+    var so_far = vec4<f32>(0.0, 0.0, 0.0, 1.0);
+    if params.layer > 0u {
+        so_far = laid[i];
+    }
+    var t = layer_triangle[i];
+    if t != NONE {
+        let s = layer_shaded[i];
+        if s.w > 0.0 {
+            so_far += vec4<f32>(s.xyz * (so_far.w * s.w), 0.0);
+        }
+        so_far.w *= 1.0 - s.w;
+        if so_far.w < LEAST_TRANSMITTANCE {
+            so_far.w = 0.0;
+            t = NONE;
+        }
+    }
+    laid[i] = so_far;
+    if params.mode == 0u {
+        return;
+    }
+    in_front[i] = t;
+    if t != NONE && atomicLoad(&layer_seen[params.layer + 1u]) == 0u {
+        atomicStore(&layer_seen[params.layer + 1u], 1u);
+    }
+}
+
+@group(0) @binding(1) var<storage, read> laid_samples: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read_write> picture: array<vec4<f32>>;
+
+// One invocation per pixel: the mean of its samples, with what they hide in place of what passes.
+@compute @workgroup_size(64)
+fn resolve(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
+           @builtin(local_invocation_index) lane: u32) {
+    let i = index(group, groups, lane, 64u);
+    let side = params.side;
+    let columns = params.width / side;
+    if i >= columns * (params.height / side) {
+        return;
+    }
+    let first = (i / columns) * side * params.width + (i % columns) * side;
+    let share = 1.0 / f32(side * side);
+    var sum = vec4<f32>(0.0);
+    for (var y = 0u; y < side; y++) {
+        for (var x = 0u; x < side; x++) {
+            let s = laid_samples[first + y * params.width + x];
+            sum += vec4<f32>(s.xyz, 1.0 - s.w) * share;
+        }
+    }
+    picture[params.first + i] = sum;
+}

@@ -21,6 +21,11 @@ pub(crate) const AVERAGE: Kernel = kernel("average");
 /// Pixels to samples.
 pub(crate) const MAGNIFY: Kernel = kernel("magnify");
 
+/// A layer behind those in front of it, without gradients.
+pub(crate) const LAY_BEHIND: Kernel = kernel("lay_behind");
+/// What was laid, to pixels.
+pub(crate) const RESOLVE: Kernel = kernel("resolve");
+
 /// Records a layer over what lies behind it, into `out`.
 ///
 /// # Errors
@@ -99,6 +104,28 @@ pub fn average(s: &mut Steps<'_>, picture: &PictureBuffers) -> Result<(), GpuErr
 /// If a dispatch does not fit.
 pub fn magnify(s: &mut Steps<'_>, g: &GradientBuffers, out: &Buffer<[f32; 4]>) -> Result<(), GpuError> {
     s.dispatch(&MAGNIFY, 0, 0, &[g.color.bind(), out.bind()], Work::Threads(s.samples()))
+}
+
+/// Records that a layer is laid behind those in front of it, in `picture.samples`, and, where another one may follow, what of it
+/// lets see that, in `picture.front`.
+///
+/// # Errors
+/// If a dispatch does not fit.
+pub fn lay_behind(s: &mut Steps<'_>, picture: &PictureBuffers, layer: usize) -> Result<(), GpuError> {
+    let LayerBuffers { triangle, shaded, .. } = &picture.layers[layer];
+    let buffers =
+        [triangle.bind(), shaded.bind(), picture.front.bind(), picture.live.bind(), picture.samples.bind()];
+    let another = u32::from(layer + 1 < picture.layers.len());
+    s.dispatch(&LAY_BEHIND, layer, another, &buffers, picture.bins.samples(layer, s.samples()))
+}
+
+/// Records the mean of each pixel's samples, as they were laid.
+///
+/// # Errors
+/// If a dispatch does not fit.
+pub fn resolve(s: &mut Steps<'_>, picture: &PictureBuffers) -> Result<(), GpuError> {
+    let buffers = [picture.samples.bind(), picture.color.bind()];
+    s.dispatch(&RESOLVE, 0, 0, &buffers, Work::Threads(s.pixels()))
 }
 
 #[cfg(test)]

@@ -201,3 +201,64 @@ fn layers_and_samples_are_those_of_the_cpu() {
     let (a, b) = (on_device(gpu, &other, &faded(2.0), true, true), on_cpu(&input, &faded(2.0), true, true));
     assert!(worst(&a, &b) > COMPOSITE);
 }
+
+/// Pixels of layers that are laid behind one another from the front on, and what of each lets see the next.
+fn laid_on_cpu(layers: &[Input]) -> (Colors, Vec<Vec<u32>>) {
+    let mut laid = vec![[0.0, 0.0, 0.0, 1.0_f32]; SAMPLES];
+    let mut fronts = Vec::new();
+    for layer in layers {
+        let mut front = layer.triangle.clone();
+        for (i, t) in front.iter_mut().enumerate().filter(|(_, t)| **t != NONE) {
+            let ([r, g, b, alpha], so_far) = (layer.shaded[i], &mut laid[i]);
+            let share = so_far[3] * alpha;
+            so_far.iter_mut().zip([r, g, b]).for_each(|(s, c)| *s += c * share);
+            so_far[3] *= 1.0 - alpha;
+            if so_far[3] < crate::deferred::LEAST_TRANSMITTANCE {
+                (so_far[3], *t) = (0.0, NONE);
+            }
+        }
+        fronts.push(front);
+    }
+    let mut pixels = vec![[0.0; 4]; PIXELS];
+    for (i, [r, g, b, through]) in laid.into_iter().enumerate() {
+        let pixel = (i / WIDTH / SIDE) * (WIDTH / SIDE) + i % WIDTH / SIDE;
+        let sample = [r, g, b, 1.0 - through];
+        pixels[pixel].iter_mut().zip(sample).for_each(|(p, s)| *p += s / (SIDE * SIDE) as f32);
+    }
+    (pixels, fronts)
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn layers_that_are_laid_behind_one_another_are_those_of_the_cpu() {
+    let gpu = test_device();
+    let mesh = MeshBuffers::drawn(gpu, &[[0.0; 3]], &TRIANGLES, &[]).expect("uploaded");
+    let layers: Vec<Input> = (3..6).map(Input::new).collect();
+    let (expected, fronts) = laid_on_cpu(&layers);
+    let picture = PictureBuffers::drawn(gpu, &mesh, SAMPLES, PIXELS + 5, 3).expect("made");
+    assert_eq!(picture.layers.len(), 3);
+    let shot =
+        Shot { view_projection: [[0.0; 4]; 4], width: WIDTH, height: HEIGHT, samples: SIDE, scale: 1.0 };
+    let params = FrameParams { first: 5, ..FrameParams::new(&shot, 1, 3, &Passes::default(), false) };
+    gpu.write(&picture.bins.groups, &[SAMPLES.div_ceil(64) as u32, 1, 1].repeat(12)).expect("written");
+    for (k, input) in layers.iter().enumerate() {
+        gpu.write(&picture.layers[k].triangle, &input.triangle).expect("written");
+        gpu.write(&picture.layers[k].shaded, &input.shaded).expect("written");
+        let mut r = gpu.record("lay");
+        let mut s = Steps::new(&mut r, &params);
+        lay_behind(&mut s, &picture, k).expect("recorded");
+        resolve(&mut s, &picture).expect("recorded");
+        r.finish().expect("recorded").run().expect("runs");
+        if k < 2 {
+            assert_eq!(gpu.read(&picture.front).expect("read"), fronts[k], "layer {k}");
+        }
+    }
+    assert_eq!(gpu.read(&picture.live).expect("read"), [0, 1, 1, 0], "each lets see the next one");
+    let found = gpu.read(&picture.color).expect("read");
+    let error = worst_difference(found[5..].as_flattened(), expected.as_flattened());
+    assert_twin("COMPOSITE", "laid layers", error, COMPOSITE);
+    // The pixels of other bands stay, and the comparison can fail.
+    assert_eq!(found[..5], [[0.0; 4]; 5]);
+    let (other, _) = laid_on_cpu(&layers[..2]);
+    assert!(worst_difference(found[5..].as_flattened(), other.as_flattened()) > COMPOSITE);
+}

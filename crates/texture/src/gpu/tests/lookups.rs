@@ -109,7 +109,7 @@ fn on_cpu(
     out
 }
 
-fn places(n: usize, rng: &mut Uniform) -> Vec<Place> {
+pub(super) fn places(n: usize, rng: &mut Uniform) -> Vec<Place> {
     let footprint = |rng: &mut Uniform| {
         let size = 10_f64.powf(rng.range(-4.0, 0.5));
         (rng.range(-1.0, 1.0) * size) as f32

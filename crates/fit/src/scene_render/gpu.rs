@@ -1,0 +1,351 @@
+//! Pictures of whole scenes on a device: the twin of [`super::SceneRenderer`].
+//!
+//! Geometry, materials and textures are uploaded once. The buffers of a picture are shared by its layers and its bands of rows,
+//! and kept for the next picture of about the same size: a picture is one submission and one readback.
+
+use crate::engine::gpu::{Skies, projection_of_rows};
+use crate::engine::views::ViewLights;
+use photofit_gpu::{Buffer, Gpu, GpuError, INDEX, Kernel, Recorder, Recording, Slot};
+use photofit_image::Image;
+use photofit_raster::deferred::{MOST_LAYERS, Passes};
+use photofit_raster::gpu::{
+    FrameParams, LayerBuffers, MeshBuffers, PictureBuffers, Shading, Shot, Slots, Work, draw,
+};
+use photofit_raster::project::matrix_rows;
+use photofit_raster::rasterize::gpu::BARYCENTRICS;
+use photofit_raster::texture::gpu::STORED;
+use photofit_scalar::Vec2f;
+use photofit_scene::gpu::{SURFACE, SurfaceBuffers};
+use photofit_scene::{Camera, FlatScene, SurfaceLibrary};
+use photofit_shading::gpu::{LIGHTS_MAX, Lights, ShadingTables};
+use std::ops::Range;
+
+/// The samples of a layer.
+pub(crate) const SHADE: Kernel = Kernel {
+    name: "fit.shade_fragments",
+    source: &[
+        INDEX,
+        photofit_scalar::WGSL,
+        STORED,
+        SURFACE,
+        photofit_shading::gpu::WGSL,
+        BARYCENTRICS,
+        include_str!("gpu/fragments.wgsl"),
+    ],
+    entry: "shade_fragments",
+};
+
+/// Bytes of device memory that the samples of a picture may take; of larger ones bands of rows are drawn, one after the other
+/// in the same buffers.
+const BYTES_MAX: usize = 1 << 29;
+/// Samples of an axis that kernels number.
+const AXIS_MAX: usize = 0xffff;
+
+/// As `fragments.wgsl` has it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+struct Params {
+    lights: Lights,
+    eye: [f32; 3],
+    stride: u32,
+    grid: [f32; 2],
+    width: u32,
+    height: u32,
+    tangent: u32,
+    uvs: u32,
+    color: u32,
+    pad: u32,
+}
+
+/// A picture that is asked for.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Asked<'a> {
+    pub(crate) camera: &'a Camera,
+    pub(crate) lights: &'a ViewLights,
+    /// Columns and rows of pixels, at least one of each.
+    pub(crate) size: [usize; 2],
+    /// Samples per axis of a pixel.
+    pub(crate) samples: usize,
+    /// Backs of single-sided surfaces are drawn, too.
+    pub(crate) backs: bool,
+}
+
+/// What the vectors of a vertex are, as in [`Params`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Layout {
+    stride: u32,
+    tangent: u32,
+    uvs: u32,
+    color: u32,
+}
+
+/// A scene on a device, and the room for its pictures.
+#[derive(Debug)]
+pub(crate) struct DeviceScene {
+    scene: Uploaded,
+    skies: Skies,
+    stage: Option<Stage>,
+}
+
+/// What stays from picture to picture.
+#[derive(Debug)]
+struct Uploaded {
+    gpu: Gpu,
+    mesh: MeshBuffers,
+    vertices: Buffer<[f32; 4]>,
+    material_of: Buffer<u32>,
+    surfaces: SurfaceBuffers,
+    layout: Layout,
+    /// Most layers of a picture.
+    layers: usize,
+}
+
+/// Buffers and kernels for pictures of some size.
+#[derive(Debug)]
+struct Stage {
+    size: [usize; 2],
+    samples: usize,
+    picture: PictureBuffers,
+    recording: Recording,
+    /// The kernels of each band.
+    bands: Vec<(Slots, Vec<Slot>)>,
+}
+
+impl DeviceScene {
+    /// Uploads a flattened scene with its materials.
+    ///
+    /// # Errors
+    /// If the device cannot hold it.
+    pub(crate) fn new(gpu: &Gpu, flat: &FlatScene, library: &SurfaceLibrary) -> Result<Self, GpuError> {
+        Ok(Self { scene: Uploaded::new(gpu, flat, library)?, skies: Skies::new(gpu)?, stage: None })
+    }
+
+    /// Why kernels cannot draw a picture, whatever the device has room for.
+    pub(crate) fn refused(asked: &Asked<'_>) -> Option<String> {
+        let [w, h] = asked.size;
+        let axis = w.max(h) * asked.samples;
+        if axis > AXIS_MAX {
+            return Some(format!("{axis} samples along an axis are more than {AXIS_MAX}"));
+        }
+        let lights = asked.lights.lights();
+        let ambient = |l: &&photofit_shading::Light<'_>| matches!(l, photofit_shading::Light::Ambient { .. });
+        let count = lights.len() - lights.iter().filter(ambient).count();
+        (count > LIGHTS_MAX)
+            .then(|| format!("{count} lights that are not ambient are more than {LIGHTS_MAX}"))
+    }
+
+    /// Linear, premultiplied RGBA: what [`super::SceneRenderer::render`] draws.
+    ///
+    /// # Errors
+    /// If the device has no room, refuses a command or is lost.
+    pub(crate) fn draw(&mut self, asked: &Asked<'_>) -> Result<Image, GpuError> {
+        let Self { scene, skies, stage } = self;
+        if skies.add(&scene.gpu, [asked.lights])? || !stage.as_ref().is_some_and(|s| s.serves(asked)) {
+            *stage = None;
+        }
+        let stage = match stage {
+            Some(stage) => stage,
+            None => stage.insert(scene.stage(skies, asked)?),
+        };
+        let [width, height] = asked.size;
+        stage.aim(scene, skies, asked);
+        stage.recording.run()?;
+        let mut color = scene.gpu.read(&stage.picture.color)?;
+        color.truncate(width * height);
+        Ok(Image::from_data(width, height, 4, color.into_flattened()))
+    }
+
+    /// Bands that pictures are drawn in by now.
+    pub(crate) fn bands(&self) -> usize {
+        self.stage.as_ref().map_or(1, |s| s.bands.len())
+    }
+}
+
+impl Uploaded {
+    fn new(gpu: &Gpu, flat: &FlatScene, library: &SurfaceLibrary) -> Result<Self, GpuError> {
+        let mut seen: Vec<u32> = flat.triangle_material.clone();
+        seen.sort_unstable();
+        seen.dedup();
+        let some = |is: &dyn Fn(usize) -> bool| seen.iter().any(|m| is(*m as usize));
+        let mesh = &flat.mesh;
+        let mut stride = 2;
+        let mut place = |there: bool| {
+            let at = if there { stride } else { 0 };
+            stride += u32::from(there);
+            at
+        };
+        let tangent = place(!mesh.tangents.is_empty() && some(&|m| library.has_normal_map(m)));
+        let has_uvs = !(mesh.uvs.is_empty() && mesh.uvs1.is_empty());
+        let uvs = place(has_uvs && some(&|m| !library.is_constant(m)));
+        let color = place(!mesh.colors.is_empty());
+        let layout = Layout { stride, tangent, uvs, color };
+        let sides: Vec<_> = flat.triangle_material.iter().map(|m| library.sides(*m as usize)).collect();
+        let material_of: Vec<u32> =
+            flat.triangle_material.iter().map(|m| SurfaceBuffers::place(*m as usize)).collect();
+        let positions: &[[f32; 3]] = bytemuck::cast_slice(&mesh.positions);
+        // Refused before vertices are put together.
+        let vertices = gpu.zeros("vertices", stride as usize * mesh.positions.len())?;
+        gpu.write(&vertices, &vectors(flat, layout))?;
+        Ok(Self {
+            gpu: gpu.clone(),
+            mesh: MeshBuffers::drawn(gpu, positions, &mesh.triangles, &sides)?,
+            vertices,
+            material_of: gpu.upload("materials of triangles", &material_of)?,
+            surfaces: SurfaceBuffers::new(gpu, library)?,
+            layout,
+            layers: if some(&|m| !library.is_opaque(m)) { MOST_LAYERS } else { 1 },
+        })
+    }
+
+    /// Makes room for pictures like one, in as few bands as there is room for.
+    fn stage(&self, skies: &Skies, asked: &Asked<'_>) -> Result<Stage, GpuError> {
+        let [width, height] = asked.size;
+        let of_row = width * asked.samples.pow(2);
+        let binding = usize::try_from(self.gpu.report().largest_binding).unwrap_or(usize::MAX);
+        let samples =
+            (binding / size_of::<[f32; 4]>()).min(BYTES_MAX / PictureBuffers::bytes_of_sample(self.layers));
+        let mut bands = height.div_ceil((samples / of_row).clamp(1, height));
+        loop {
+            match Stage::new(self, skies, asked, bands) {
+                Err(e) if e.is_of_size() && bands < height => bands = (2 * bands).min(height),
+                made => return made,
+            }
+        }
+    }
+
+    /// Parameters of the kernels of some rows of a picture, but for those of shading.
+    fn frame(&self, asked: &Asked<'_>, rows: &Range<usize>) -> FrameParams {
+        let [width, height] = asked.size;
+        let whole = matrix_rows(&asked.camera.view_projection());
+        let shot = Shot {
+            view_projection: projection_of_rows(whole, rows, height),
+            width: width * asked.samples,
+            height: rows.len() * asked.samples,
+            samples: asked.samples,
+            // Nothing is summed.
+            scale: 1.0,
+        };
+        let (vertices, triangles) = (self.mesh.vertices(), self.mesh.triangles());
+        FrameParams {
+            backs: u32::from(asked.backs),
+            first: (rows.start * width) as u32,
+            ..FrameParams::new(&shot, vertices, triangles, &Passes::default(), false)
+        }
+    }
+
+    fn shading(&self, frame: &FrameParams, asked: &Asked<'_>, lights: Lights) -> Params {
+        let (eye, Layout { stride, tangent, uvs, color }) = (asked.camera.eye, self.layout);
+        let FrameParams { width, height, .. } = *frame;
+        let grid = [width, height].map(|n| (2.0 / f64::from(n)) as f32);
+        Params { lights, eye: eye.to_array(), stride, grid, width, height, tangent, uvs, color, pad: 0 }
+    }
+}
+
+/// The vectors of all vertices.
+fn vectors(flat: &FlatScene, layout: Layout) -> Vec<[f32; 4]> {
+    let mesh = &flat.mesh;
+    let mut out = Vec::with_capacity(layout.stride as usize * mesh.positions.len());
+    let uv = |set: &[Vec2f], i: usize| if set.is_empty() { [0.0; 2] } else { set[i].to_array() };
+    for (i, (p, n)) in mesh.positions.iter().zip(&mesh.normals).enumerate() {
+        let tangent = if layout.tangent > 0 { mesh.tangents[i].to_array() } else { [0.0, 0.0, 0.0, 1.0] };
+        out.push([p.x, p.y, p.z, tangent[3]]);
+        out.push([n.x, n.y, n.z, 0.0]);
+        if layout.tangent > 0 {
+            out.push(tangent);
+        }
+        if layout.uvs > 0 {
+            let ([a, b], [c, d]) = (uv(&mesh.uvs, i), uv(&mesh.uvs1, i));
+            out.push([a, b, c, d]);
+        }
+        if layout.color > 0 {
+            out.push(mesh.colors[i].to_array());
+        }
+    }
+    out
+}
+
+/// The rows of a band of a picture of `height` rows.
+fn rows(band: usize, bands: usize, height: usize) -> Range<usize> {
+    band * height / bands..(band + 1) * height / bands
+}
+
+impl Stage {
+    fn new(scene: &Uploaded, skies: &Skies, asked: &Asked<'_>, bands: usize) -> Result<Self, GpuError> {
+        let Uploaded { gpu, mesh, layers, .. } = scene;
+        let ([width, height], samples) = (asked.size, asked.samples);
+        let most = 0..height.div_ceil(bands);
+        let of_band = width * most.len() * samples.pow(2);
+        let picture = PictureBuffers::drawn(gpu, mesh, of_band, width * height, *layers)?;
+        let frame = scene.frame(asked, &most);
+        let params = scene.shading(&frame, asked, Lights::default());
+        let mut r = gpu.record("picture of the reference");
+        let mut recorded = Vec::with_capacity(bands);
+        for _ in 0..bands {
+            let mut fragments = Fragments { scene, tables: &skies.tables, params, slots: Vec::new() };
+            let slots = draw(&mut r, mesh, &picture, &frame, &mut fragments)?;
+            recorded.push((slots, fragments.slots));
+        }
+        Ok(Self { size: asked.size, samples, recording: r.finish()?, picture, bands: recorded })
+    }
+
+    /// Whether it has room for a picture, and not much more.
+    fn serves(&self, asked: &Asked<'_>) -> bool {
+        let ([w, h], [width, height]) = (asked.size, self.size);
+        self.samples == asked.samples
+            && w <= width
+            && h <= height
+            && h >= self.bands.len()
+            && 2 * w * h > width * height
+    }
+
+    /// Sets the parameters of a picture for the next run.
+    fn aim(&mut self, scene: &Uploaded, skies: &Skies, asked: &Asked<'_>) {
+        let lights = skies.tables.lights(&asked.lights.lights(), |map| skies.number(map));
+        let count = self.bands.len();
+        for (k, (slots, shading)) in self.bands.iter().enumerate() {
+            let frame = scene.frame(asked, &rows(k, count, asked.size[1]));
+            slots.set(&mut self.recording, &frame);
+            let params = scene.shading(&frame, asked, lights);
+            shading.iter().for_each(|slot| self.recording.set(*slot, &params));
+        }
+    }
+}
+
+/// Gives the samples of a scene their colours, while a picture is recorded.
+struct Fragments<'a> {
+    scene: &'a Uploaded,
+    tables: &'a ShadingTables,
+    params: Params,
+    slots: Vec<Slot>,
+}
+
+impl Shading for Fragments<'_> {
+    fn record(
+        &mut self,
+        r: &mut Recorder,
+        mesh: &MeshBuffers,
+        picture: &PictureBuffers,
+        layer: &LayerBuffers,
+        work: Work<'_>,
+    ) -> Result<(), GpuError> {
+        let s = self.scene;
+        let buffers = [
+            layer.triangle.bind(),
+            mesh.triangles.bind(),
+            s.material_of.bind(),
+            picture.clip.bind(),
+            s.vertices.bind(),
+            s.surfaces.materials.bind(),
+            s.surfaces.textures.words.bind(),
+            self.tables.buffer.bind(),
+            layer.shaded.bind(),
+        ];
+        self.slots.push(work.dispatch(r, &SHADE, &self.params, &buffers)?);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;
+#[cfg(test)]
+mod tolerances;
