@@ -7,6 +7,10 @@ use crate::adapter::STORAGE_BUFFERS;
 pub const INDEX: &str = include_str!("wgsl/index.wgsl");
 /// Sums that do not depend on the order of their terms (`add_fixed`).
 pub const FIXED: &str = include_str!("wgsl/fixed.wgsl");
+/// Bits of the status of such sums by which one is lost: a term was not finite, or a sum left its range.
+pub const FIXED_LOST: u32 = 3;
+/// Bit of the status of such sums: a term was larger than its limit, and counted as that.
+pub const FIXED_LIMITED: u32 = 4;
 /// What turns such sums into numbers (`read_fixed`).
 pub const FIXED_READ: &str = include_str!("wgsl/fixed_read.wgsl");
 

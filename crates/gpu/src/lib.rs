@@ -51,7 +51,7 @@ pub use adapter::{AdapterKind, AdapterReport, Choice, adapters_found};
 pub use buffer::{Bind, Buffer};
 pub use device::{Gpu, Traffic};
 pub use error::GpuError;
-pub use kernel::{FIXED, FIXED_READ, INDEX, Kernel, fixed_words, validate};
+pub use kernel::{FIXED, FIXED_LIMITED, FIXED_LOST, FIXED_READ, INDEX, Kernel, fixed_words, validate};
 pub use memory::Caps;
 pub use profile::KernelReport;
 pub use record::{Inlet, Recorder, Recording, Slot};

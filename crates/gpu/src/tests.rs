@@ -52,7 +52,7 @@ const READ: Kernel = Kernel {
     entry: "run",
 };
 
-/// Sums by the device: values and whether a term was refused.
+/// Sums by the device: values and whether one is lost.
 fn sum(gpu: &Gpu, terms: &[f32], sums: usize, scale: f32) -> (Vec<f32>, bool) {
     let params = Params { count: terms.len() as u32, sums: sums as u32, scale, pad: 0 };
     let terms = gpu.upload("terms", terms).expect("uploaded");
@@ -63,7 +63,7 @@ fn sum(gpu: &Gpu, terms: &[f32], sums: usize, scale: f32) -> (Vec<f32>, bool) {
     r.dispatch(&READ, &params, &[words.bind(), out.bind()], sums).expect("fits");
     r.finish().expect("recorded").run().expect("runs");
     let status = *gpu.read(&words).expect("read").last().expect("has a status");
-    (gpu.read(&out).expect("read"), status != 0)
+    (gpu.read(&out).expect("read"), status & FIXED_LOST != 0)
 }
 
 #[test]

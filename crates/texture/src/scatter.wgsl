@@ -42,6 +42,10 @@ fn keep_taps(lane: u32, at: Lookup, g: Texel) {
     }
 }
 
+fn taps_from(at: u32) -> vec4<u32> {
+    return vec4<u32>(taps_of_lanes[at], taps_of_lanes[at + 1u], taps_of_lanes[at + 2u], taps_of_lanes[at + 3u]);
+}
+
 // Adds what all lanes have kept; after a barrier.
 fn scatter_lanes(lane: u32) {
     let channel = lane & 15u;
@@ -53,12 +57,16 @@ fn scatter_lanes(lane: u32) {
         let first = other * TAPS_PITCH;
         let count = taps_of_lanes[first + 16u];
         let g = gradients_of_lanes[first + channel];
-        for (var k = 0u; k < count; k++) {
-            let weight = bitcast<f32>(taps_of_lanes[first + 8u + k]);
-            let term = g * weight;
-            if weight != 0.0 && !is_zero(term) {
-                add_fixed(taps_of_lanes[first + k] * params.maps.channels + slot, term, params.maps.scale);
-            }
+        if count == 0u || is_zero(g) {
+            continue;
+        }
+        if !fixed_fits(g) {
+            atomicOr(&sums[arrayLength(&sums) - 1u].high, 1u);
+            continue;
+        }
+        for (var k = 0u; k < count; k += 4u) {
+            let at = taps_from(first + k) * params.maps.channels + slot;
+            add_fixed_4(at, g * bitcast<vec4<f32>>(taps_from(first + 8u + k)), params.maps.scale);
         }
     }
 }

@@ -144,7 +144,8 @@ fn surface(case: Case) -> Surface {
     let mut texel = [0.0; CHANNELS];
     texel[..channel::USED].fill(0.5);
     (texel[channel::NORMAL], texel[channel::NORMAL + 1], texel[channel::NORMAL + 2]) = (0.0, 0.0, 1.0);
-    let maps = Maps { width: case.texels, height: case.texels, texels: vec![texel; case.texels * case.texels] };
+    let maps =
+        Maps { width: case.texels, height: case.texels, texels: vec![texel; case.texels * case.texels] };
     let classes =
         vec![SurfaceClass { alpha: AlphaMode::Opaque, sides: Sides::Both, ..SurfaceClass::default() }];
     let class = vec![0; mesh.triangles.len()];
@@ -211,7 +212,13 @@ fn steps(ctx: &mut Context, gpu: &Gpu, case: Case, bandwidth: f64) -> Result<()>
     } else {
         crate::timing::time(|| keep(steps_of(&mut cpu, &shots, 1))).0
     };
-    ctx.record("step, CPU", &name, size, timing, vec![("error", 0.0), ("ms a picture", per_picture(&timing))]);
+    ctx.record(
+        "step, CPU",
+        &name,
+        size,
+        timing,
+        vec![("error", 0.0), ("ms a picture", per_picture(&timing))],
+    );
     let before = gpu.traffic();
     let mut made = 0;
     let (mut timing, ()) = crate::timing::time(|| {

@@ -1,8 +1,8 @@
 // Sums whose result does not depend on the order of their terms: 64-bit fixed point in two words, low first, with a carry
 // from one to the other. The kernel declares
 //     var<storage, read_write> sums: array<FixedSum>;
-// with an element more than there are sums, whose last word is the status: not zero once a term was not finite (bit 0), or
-// a sum left its range (bit 1).
+// with an element more than there are sums, whose last word is the status: not zero once a term was not finite (bit 0), a
+// sum left its range (bit 1), or a term ended at its limit (bit 2).
 
 struct FixedSum {
     low: atomic<u32>,
@@ -48,23 +48,53 @@ fn fixed_overflows(before: u32, term: u32) -> bool {
     return ((before ^ after) & (term ^ after)) >= 0x80000000u;
 }
 
+// What the status learns of a large term.
+fn fixed_verdict(x: f32, scale: f32, before: u32, term: u32) -> u32 {
+    return select(0u, 2u, fixed_overflows(before, term)) | select(0u, 4u, abs(x) * scale > FIXED_LIMIT);
+}
+
+// Adds to the high word of sum number `at` what term `x` adds to it.
+fn add_high(at: u32, x: f32, scale: f32, high: u32) {
+    if !fixed_is_large(x, scale) {
+        // What was there before is not asked for: devices need not wait for it.
+        atomicAdd(&sums[at].high, high);
+    } else {
+        atomicOr(&sums[arrayLength(&sums) - 1u].high, fixed_verdict(x, scale, atomicAdd(&sums[at].high, high), high));
+    }
+}
+
 // Adds `x` to sum number `at`.
 fn add_fixed(at: u32, x: f32, scale: f32) {
-    let end = arrayLength(&sums) - 1u;
     if !fixed_fits(x) {
-        atomicOr(&sums[end].high, 1u);
+        atomicOr(&sums[arrayLength(&sums) - 1u].high, 1u);
         return;
     }
     let words = fixed_words(x, scale);
     let before = atomicAdd(&sums[at].low, words.x);
     let high = words.y + select(0u, 1u, before > 0xffffffffu - words.x);
-    if high == 0u {
-        return;
+    if high != 0u {
+        add_high(at, x, scale, high);
     }
-    if !fixed_is_large(x, scale) {
-        // What was there before is not asked for: devices need not wait for it.
-        atomicAdd(&sums[at].high, high);
-    } else if fixed_overflows(atomicAdd(&sums[at].high, high), high) {
-        atomicOr(&sums[end].high, 2u);
+}
+
+// `add_fixed` of four terms: all are on their way to memory before the first one's answer is waited for.
+fn add_fixed_4(at: vec4<u32>, x: vec4<f32>, scale: f32) {
+    let a = fixed_words(x.x, scale);
+    let b = fixed_words(x.y, scale);
+    let c = fixed_words(x.z, scale);
+    let d = fixed_words(x.w, scale);
+    let before = vec4<u32>(
+        atomicAdd(&sums[at.x].low, a.x),
+        atomicAdd(&sums[at.y].low, b.x),
+        atomicAdd(&sums[at.z].low, c.x),
+        atomicAdd(&sums[at.w].low, d.x),
+    );
+    let low = vec4<u32>(a.x, b.x, c.x, d.x);
+    let carry = select(vec4<u32>(0u), vec4<u32>(1u), before > vec4<u32>(0xffffffffu) - low);
+    let high = vec4<u32>(a.y, b.y, c.y, d.y) + carry;
+    for (var k = 0u; k < 4u; k++) {
+        if high[k] != 0u {
+            add_high(at[k], x[k], scale, high[k]);
+        }
     }
 }

@@ -162,7 +162,8 @@ impl MapShading {
         })
     }
 
-    /// The parameters of a picture; `passes` as in [`Self::new`], but for masks, alpha, emission and the normal map. `scale` is that of the sums of vertices and texels, `number` tells which of the uploaded
+    /// The parameters of a picture; `passes` as in [`Self::new`], but for masks, alpha, emission and the normal map. `scales` are those of
+    /// the sums of vertices and of texels, `number` tells which of the uploaded
     /// environments a map is.
     ///
     /// # Panics
@@ -171,7 +172,7 @@ impl MapShading {
         &self,
         view: &View<'_, f32>,
         passes: &Passes,
-        scale: f32,
+        [vertices, texels]: [f32; 2],
         number: impl Fn(&Environment<f32>) -> usize,
     ) -> ShadeParams {
         let side = if view.shade_per_pixel { view.samples.max(1) } else { 1 };
@@ -183,7 +184,7 @@ impl MapShading {
         };
         let flags = [passes.normal_map, passes.emissive, passes.alpha_gradients, faded];
         ShadeParams {
-            maps: self.maps.table(scale),
+            maps: self.maps.table(texels),
             lights: self.tables.lights(view.lights, number),
             eye: [view.eye.x, view.eye.y, view.eye.z],
             lod_bias: view.lod_bias,
@@ -194,7 +195,7 @@ impl MapShading {
             side: side as u32,
             flags: flags.iter().enumerate().map(|(k, on)| u32::from(*on) << k).sum(),
             slope,
-            scale,
+            scale: vertices,
             pad: [0; 2],
         }
     }

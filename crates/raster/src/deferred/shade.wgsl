@@ -176,8 +176,9 @@ fn add_vertex(at: u32, x: f32) {
     }
     if !fixed_is_large(x, params.scale) {
         atomicAdd(&vertex_sums[at].high, high);
-    } else if fixed_overflows(atomicAdd(&vertex_sums[at].high, high), high) {
-        atomicOr(&vertex_sums[end].high, 2u);
+    } else {
+        let before_high = atomicAdd(&vertex_sums[at].high, high);
+        atomicOr(&vertex_sums[end].high, fixed_verdict(x, params.scale, before_high, high));
     }
 }
 

@@ -29,7 +29,7 @@ pub use bands::BandCount;
 use bands::Bands;
 pub(crate) use bands::projection_of_rows;
 pub(crate) use drawn::DrawnThere;
-use photofit_gpu::{Buffer, Gpu, GpuError, Kernel, KernelReport, Recording};
+use photofit_gpu::{Buffer, FIXED_LOST, Gpu, GpuError, Kernel, KernelReport, Recording};
 use photofit_optim::OptimError;
 use photofit_optim::gpu::{DeviceOptimizer, LargeStepsSolver};
 use photofit_raster::CHANNELS;
@@ -364,9 +364,10 @@ impl<S: Posable> Model for GpuSurface<S> {
                 return Err(ModelError::Optim { ago, source });
             }
         }
+        // Terms that end at their limit, next to slivers, count as that: a step in their direction is as good.
         let sums = self.stage.as_ref().map(|s| ("positions", &s.gradients.status));
         for (what, status) in sums.into_iter().chain([("maps", &self.on.maps.status)]) {
-            if self.gpu.read(status)?.first().is_some_and(|s| *s != 0) {
+            if self.gpu.read(status)?.first().is_some_and(|s| *s & FIXED_LOST != 0) {
                 let rule = "is not finite or outside of the range of the device's sums; a fit on the CPU has no such range";
                 return Err(ModelError::Device(format!("a gradient of the {what} {rule}").into()));
             }

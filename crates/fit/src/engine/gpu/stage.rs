@@ -100,7 +100,8 @@ pub(super) fn largest(on: &Resident, room: Room, passes: &Passes) -> FrameParams
     FrameParams::new(&shot, on.mesh.vertices(), on.mesh.triangles(), passes, fits_alpha)
 }
 
-/// Sets the parameters of a band of a picture for the next run; `scale` is that of sums.
+/// Sets the parameters of a band of a picture for the next run; `scale` is that of the sums of
+/// texels. Those of vertices keep theirs: their terms, next to slivers, do not shrink with the picture.
 pub(super) fn aim(
     recording: &mut Recording,
     drawn: &Drawn,
@@ -121,7 +122,7 @@ pub(super) fn aim(
         width: view.width,
         height: view.height,
         samples: view.samples,
-        scale,
+        scale: SUM_SCALE,
     };
     let fits_alpha = on.mesh.fits_alpha(passes);
     let params = FrameParams {
@@ -129,7 +130,7 @@ pub(super) fn aim(
         ..FrameParams::new(&of, on.mesh.vertices(), on.mesh.triangles(), passes, fits_alpha)
     };
     drawn.slots.iter().for_each(|slots| slots.set(recording, &params));
-    let params = shading.params(&view, passes, scale, |map| skies.number(map));
+    let params = shading.params(&view, passes, [SUM_SCALE, scale], |map| skies.number(map));
     drawn.shading.set(recording, &params);
 }
 

@@ -203,7 +203,7 @@ impl<'a> Device<'a> {
         s.with(c, |view| {
             let params = frame_params(mesh, view, passes);
             slots.iter().for_each(|slots| slots.set(recording, &params));
-            shade_slots.set(recording, &shading.params(view, passes, SCALE, |_| 0));
+            shade_slots.set(recording, &shading.params(view, passes, [SCALE; 2], |_| 0));
         });
         gpu.write(&mesh.positions, bytemuck::cast_slice(&s.mesh.positions)).expect("written");
         gpu.write(&mesh.normals, bytemuck::cast_slice(&s.mesh.normals)).expect("written");
