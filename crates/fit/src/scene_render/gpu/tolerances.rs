@@ -6,7 +6,7 @@ pub(crate) const CLOSE: f32 = 1e-4;
 /// Share of pixels that differ by more: those with a sample whose centre lies on an edge, or at which two depths or the alpha of a
 /// mask and its cutoff are equal within rounding.
 pub(crate) const SCENE_PIXELS: f64 = 2e-3;
-/// Mean difference of all numbers of a picture relative to their mean: a few such samples, and rounding.
-pub(crate) const SCENE_MEAN: f64 = 2e-5;
+/// Mean difference of all numbers of a picture relative to their mean: such a sample in each of a few thousand pixels, and rounding.
+pub(crate) const SCENE_MEAN: f64 = 1e-4;
 /// What is seen through glass, relative: one less alpha is a difference of numbers near one.
 pub(crate) const THROUGH_GLASS: f64 = 1e-3;
