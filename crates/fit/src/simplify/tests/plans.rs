@@ -145,14 +145,17 @@ const OF_A_FIT: [&str; 6] = [
     "emission",
 ];
 
-/// The rows of two plans that say the contrary, and those of the first that are gone, but for some that `may_go`.
-fn contradictions(before: &FitPlan, after: &FitPlan, may_go: &[&str]) -> Vec<String> {
+/// The rows of two plans that say the contrary, and those of the first that are gone, but for some that `may_go`. Who ends a fit
+/// before its first step gets no steps, whatever was planned.
+fn contradictions(before: &FitPlan, after: &FitPlan, may_go: &[&str], may_end: bool) -> Vec<String> {
     let after = after.items();
     let contrary = |row: &Item| match after.iter().find(|i| i.what == row.what) {
         None => (!may_go.contains(&row.what)).then(|| format!("{row:?}, and then nothing")),
         Some(now) => {
             let open = row.runs == Runs::Open || now.runs == Runs::Open;
-            (!open && row.runs != now.runs).then(|| format!("{row:?}, and then {now:?}"))
+            let ended = now.why == rows::NO_STEPS && row.runs == Runs::Yes;
+            (!open && row.runs != now.runs && !(ended && may_end))
+                .then(|| format!("{row:?}, and then {now:?}"))
         }
     };
     before.items().iter().filter_map(contrary).collect()
@@ -254,11 +257,11 @@ fn check(case: &Case, path: &Path) -> bool {
     let resolved = options.resolved(scene).unwrap();
     let before = resolved.options().plan(scene, options.rasterized_against().kind());
     let made = simplify(scene, path, options, &Silent).unwrap();
-    let wrong = contradictions(&before, &made.plan, &[]);
+    let wrong = contradictions(&before, &made.plan, &[], made.fit_stopped);
     assert!(wrong.is_empty(), "{name}: {wrong:#?}");
     let kept = options.surfacing == Surfacing::Kept;
     let may_go: &[&str] = if kept { &OF_A_FIT } else { &[] };
-    let wrong = contradictions(&FitPlan::new(scene), &made.plan, may_go);
+    let wrong = contradictions(&FitPlan::new(scene), &made.plan, may_go, false);
     assert!(wrong.is_empty(), "{name}, inspected: {wrong:#?}");
     let open: Vec<Item> = made.plan.items().into_iter().filter(|i| i.runs == Runs::Open).collect();
     assert!(open.is_empty(), "{name}: {open:?}");
@@ -290,7 +293,7 @@ fn plans_of_assets_say_what_comes_and_what_was() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.glb");
     let fitted = assets().iter().filter(|case| check(case, &path)).count();
-    assert!(fitted >= 6, "{fitted} fits looked better than their starts");
+    assert!(fitted >= 5, "{fitted} fits looked better than their starts");
 }
 
 #[test]
