@@ -283,7 +283,6 @@ pub struct Anisotropy {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Sampler;
 
     #[test]
     fn textures_become_means_in_their_own_encoding() {
