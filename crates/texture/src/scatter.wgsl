@@ -60,10 +60,6 @@ fn scatter_lanes(lane: u32) {
         if count == 0u || is_zero(g) {
             continue;
         }
-        if !fixed_fits(g) {
-            atomicOr(&sums[arrayLength(&sums) - 1u].high, 1u);
-            continue;
-        }
         for (var k = 0u; k < count; k += 4u) {
             let at = taps_from(first + k) * params.maps.channels + slot;
             add_fixed_4(at, g * bitcast<vec4<f32>>(taps_from(first + 8u + k)), params.maps.scale);

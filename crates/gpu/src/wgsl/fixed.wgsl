@@ -79,6 +79,10 @@ fn add_fixed(at: u32, x: f32, scale: f32) {
 
 // `add_fixed` of four terms: all are on their way to memory before the first one's answer is waited for.
 fn add_fixed_4(at: vec4<u32>, x: vec4<f32>, scale: f32) {
+    if !(fixed_fits(x.x) && fixed_fits(x.y) && fixed_fits(x.z) && fixed_fits(x.w)) {
+        atomicOr(&sums[arrayLength(&sums) - 1u].high, 1u);
+        return;
+    }
     let a = fixed_words(x.x, scale);
     let b = fixed_words(x.y, scale);
     let c = fixed_words(x.z, scale);

@@ -57,9 +57,7 @@ fn tile_count() -> u32 {
 // Column and row of the first sample of a lane's block; outside of the picture for lanes without a block.
 fn block_of(tile: u32, lane: u32) -> vec2<u32> {
     let columns = (params.width / params.side + 7u) / 8u;
-    let x = (lane & 1u) | ((lane >> 1u) & 2u) | ((lane >> 2u) & 4u);
-    let y = ((lane >> 1u) & 1u) | ((lane >> 2u) & 2u) | ((lane >> 3u) & 4u);
-    return vec2<u32>((tile % columns) * 8u + x, (tile / columns) * 8u + y) * params.side;
+    return (vec2<u32>(tile % columns, tile / columns) * 8u + z_curve(lane)) * params.side;
 }
 
 fn inside(block: vec2<u32>) -> bool {

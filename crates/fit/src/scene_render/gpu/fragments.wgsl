@@ -86,12 +86,8 @@ fn shade_fragments(
 ) {
     let columns = (params.width + 7u) / 8u;
     let squares = columns * ((params.height + 7u) / 8u);
-    let within = vec2<u32>(
-        (lane & 1u) | ((lane >> 1u) & 2u) | ((lane >> 2u) & 4u),
-        ((lane >> 1u) & 1u) | ((lane >> 2u) & 2u) | ((lane >> 3u) & 4u),
-    );
     for (var k = index(group, groups, 0u, 1u); k < squares; k += groups.x * groups.y) {
-        let at = vec2<u32>(k % columns, k / columns) * 8u + within;
+        let at = vec2<u32>(k % columns, k / columns) * 8u + z_curve(lane);
         if at.x >= params.width || at.y >= params.height {
             continue;
         }
