@@ -9,22 +9,25 @@ these assets, each with the version that made it.
 
 import functools
 import hashlib
+import importlib.metadata
 import inspect
 import json
 import os
 import pathlib
-import shutil
 import subprocess
 import traceback
 import urllib.parse
 
 import numpy as np
 
+import classic_bake
 import in_cycles
-from harness import ROOT, WORK, digest, first_line, markdown, our_version, program
+import reducers
+from harness import WORK, digest, markdown, our_version, program
+from reducers import TOOLS, Refused, by_quadrics, decimated, packed, quiet, tool, transformed, unpinned, version
 
 ABOUT = "Light assets in Blender Cycles, ours and those of peers"
-NEEDS = ["numpy", "scipy", "bpy", "flip-evaluator"]
+NEEDS = ["numpy", "scipy", "bpy", "flip-evaluator", "pymeshlab"]
 
 ENVIRONMENT = "venice_sunset_1k.hdr"
 #: File and budgets of triangles; `bytes` is the budget that gltf-transform (lossy WebP) and gltfpack (meshopt) come to.
@@ -40,16 +43,6 @@ VIEWS = 8
 SIZE = 512
 SAMPLES = 16
 HERE = WORK / "judge"
-#: Programs of peers: their variable, or what PATH or package.json's folder finds.
-TOOLS = {"gltfpack": "PHOTOFIT_GLTFPACK", "gltf-transform": "PHOTOFIT_GLTF_TRANSFORM", "node": "PHOTOFIT_NODE"}
-
-
-def tool(name):
-    """The path of a peer; None where it is not installed."""
-    places = [os.environ.get("PATH", ""), str(ROOT / "target" / "peers" / "node_modules" / ".bin")]
-    return os.environ.get(TOOLS[name]) or shutil.which(name, path=os.pathsep.join(places))
-
-
 def found(file):
     """A file of the folder of assets; None where it is not there."""
     folder = os.environ.get("PHOTOFIT_JUDGE_ASSETS")
@@ -70,10 +63,6 @@ def ready():
     return None
 
 
-class Refused(Exception):
-    """A program that made nothing, and why."""
-
-
 def parts(path):
     """A file, and what it names of those in its folder."""
     out, beside = [path], sorted(f for f in path.parent.rglob("*") if f.is_file())
@@ -89,24 +78,18 @@ def digest_of(path):
     return digest(parts(path))
 
 
-@functools.cache
-def version(name):
-    """A peer with its version."""
-    found = first_line(tool(name), {"gltfpack": "-v"}.get(name, "--version"))
-    return found if found.startswith(name) else f"{name} {found or 'of an unknown version'}"
-
-
-def unpinned():
-    """The peers that are installed at another version than that of package.json, in words."""
-    pins = json.loads(pathlib.Path(__file__).with_name("package.json").read_text())["dependencies"]
-    wanted = {package.removeprefix("@").removesuffix("/cli"): pin for package, pin in pins.items()}
-    # gltfpack leaves out the last number where it is 0.
-    return [f"{name} {pin}" for name, pin in wanted.items() if tool(name) and not pin.startswith(version(name).split()[-1])]
-
-
 def how(*functions):
     """The digest of the code that makes a file, its flags included."""
     return hashlib.sha256("".join(map(inspect.getsource, functions)).encode()).hexdigest()[:16]
+
+
+def functions_of(module):
+    """Those that a module defines."""
+    return [f for f in vars(module).values() if inspect.isfunction(f) and f.__module__ == module.__name__]
+
+
+def meshlab():
+    return f"pymeshlab {importlib.metadata.version('pymeshlab')}"
 
 
 def blender():
@@ -134,17 +117,6 @@ def once(path, key, make):
     of_file.write_text(text)
 
 
-def quiet(*command):
-    """Runs a peer; `Refused` where it refuses."""
-    name = pathlib.Path(command[0]).name
-    try:
-        done = subprocess.run(list(map(str, command)), stdout=subprocess.DEVNULL)
-    except OSError as e:
-        raise Refused(f"{name} does not start: {e.strerror}") from e
-    if done.returncode:
-        raise Refused(f"{name} ended with {done.returncode}")
-
-
 def as_glb(name, path):
     """The asset as a GLB file that all peers read."""
     if path.suffix in (".glb", ".gltf"):
@@ -160,26 +132,6 @@ def as_glb(name, path):
 
     once(out, {"asset": digest_of(path), "by": blender(), "how": how(as_glb)}, export)
     return out
-
-
-def decimated(path, budget, out):
-    """By Blender's Decimate modifier, which keeps materials and texture coordinates."""
-    import bpy
-
-    meshes = in_cycles.load(path)
-    share = budget / in_cycles.triangles(meshes)
-    for thing in meshes:
-        # Of a few triangles the modifier leaves none.
-        if len(thing.data.polygons) >= 20:
-            thing.modifiers.new("decimate", "DECIMATE").ratio = share
-    with in_cycles.quiet():
-        bpy.ops.export_scene.gltf(filepath=str(out), export_format="GLB", export_apply=True)
-
-
-def packed(path, budget, out, *flags):
-    """By gltfpack, which looks at attributes, beyond the usual limit of the error."""
-    share = budget / in_cycles.triangles(in_cycles.load(path))
-    quiet(tool("gltfpack"), "-noq", "-si", share, "-se", "1", "-sv", *flags, "-i", path, "-o", out)
 
 
 def compressed(path, out):
@@ -261,6 +213,8 @@ def at_triangles(name, path, budget):
     ways = {
         "ours": (our_version(), (ours,), lambda out: ours(path, budget, out)),
         "Decimate": (blender(), (decimated,), lambda out: decimated(path, budget, out)),
+        "bake": (blender(), (*functions_of(classic_bake),), lambda out: classic_bake.baked(path, budget, out)),
+        "MeshLab": (meshlab(), (by_quadrics, reducers.with_materials), lambda out: by_quadrics(path, budget, out)),
     }
     if tool("gltfpack"):
         by = version("gltfpack")
@@ -269,6 +223,10 @@ def at_triangles(name, path, budget):
             # The flags are in the name.
             way = " ".join(["gltfpack -sv", *flags])
             ways[way] = (by, code, lambda out, flags=flags: packed(as_glb(name, path), budget, out, *flags))
+    if tool("gltf-transform"):
+        glb, share = as_glb(name, path), lambda: budget / in_cycles.triangles(in_cycles.load(path))
+        by, code = version("gltf-transform"), (transformed, as_glb)
+        ways["gltf-transform"] = (by, code, lambda out: transformed(glb, share(), out))
     for way, (by, code, make) in ways.items():
         made(name, path, folder, way, {**asset, "by": by, "how": how(*code)}, make)
 

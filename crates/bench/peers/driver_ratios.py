@@ -10,11 +10,9 @@ import pathlib
 import numpy as np
 
 import in_cycles
-from driver_judge import (
-    ENVIRONMENT, HERE, TOOLS, Refused, as_glb, blender, digest_of, found, how, likeness, made, packed, quiet, reference, terms,
-    tool, unpinned, version,
-)
+from driver_judge import ENVIRONMENT, HERE, as_glb, blender, digest_of, found, how, likeness, made, reference, terms
 from harness import markdown, our_version, program
+from reducers import TOOLS, Refused, packed, tool, transformed, unpinned, version
 
 ABOUT = "Shares of the triangles: ours with the asset's own textures, gltfpack, gltf-transform"
 NEEDS = ["numpy", "scipy", "bpy", "flip-evaluator"]
@@ -45,13 +43,6 @@ def versions():
 
 def ours(path, ratio, out):
     program("simplify", path, "-o", out, "--ratio", ratio, "--keep-uvs", "--seed", 0)
-
-
-def transformed(path, ratio, out):
-    welded = out.with_suffix(".welded.glb")
-    quiet(tool("gltf-transform"), "weld", path, welded)
-    quiet(tool("gltf-transform"), "simplify", welded, out, "--ratio", ratio, "--error", 1)
-    welded.unlink()
 
 
 def within(most, make, out):

@@ -162,17 +162,21 @@ fn text(path: &Path, scene: &Scene) -> String {
     out
 }
 
-/// What a fit would run; `runs` is null where options or baked maps decide, and of what is told alone.
+/// What a fit would run; `runs` is null where `kind` is `open` (options or baked maps decide) or `note` (told alone).
 fn plan(scene: &Scene) -> Value {
     let runs = |r| match r {
-        Runs::Yes => json!(true),
-        Runs::No => json!(false),
-        Runs::Open | Runs::Note => Value::Null,
+        Runs::Yes => (json!(true), "decided"),
+        Runs::No => (json!(false), "decided"),
+        Runs::Open => (Value::Null, "open"),
+        Runs::Note => (Value::Null, "note"),
     };
     FitPlan::new(scene)
         .items()
         .into_iter()
-        .map(|i| json!({ "what": i.what, "runs": runs(i.runs), "why": i.why }))
+        .map(|i| {
+            let (runs, kind) = runs(i.runs);
+            json!({ "what": i.what, "runs": runs, "kind": kind, "why": i.why })
+        })
         .collect()
 }
 

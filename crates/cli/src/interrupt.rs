@@ -1,13 +1,20 @@
 //! Ctrl-C and SIGTERM: before there is anything to keep they end the program; then the first asks the work to stop and keep
-//! what it has, and the second ends the program at once.
+//! what it has, and the second ends the program at once. `timeout` sends its signal to the program and to its group, service
+//! managers do alike: what follows at once is the same request.
 
 use crate::progress::say;
 use crate::status::INTERRUPTED;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 /// Whether there is something to keep.
 static KEEPING: AtomicBool = AtomicBool::new(false);
 static STOPPING: AtomicBool = AtomicBool::new(false);
+/// When the first signal came.
+static FIRST: OnceLock<Instant> = OnceLock::new();
+/// Signals within this time are one.
+const TOGETHER: Duration = Duration::from_millis(200);
 
 /// Whether a signal asked the work to stop.
 pub(crate) fn is_stopping() -> bool {
@@ -26,10 +33,13 @@ pub(crate) fn handle() {
 }
 
 fn received() {
-    if !KEEPING.load(Ordering::SeqCst) || STOPPING.swap(true, Ordering::SeqCst) {
+    let keeping = KEEPING.load(Ordering::SeqCst);
+    if keeping && !STOPPING.swap(true, Ordering::SeqCst) {
+        FIRST.get_or_init(Instant::now);
+        say("stopping; what was reached is kept. A second Ctrl-C or SIGTERM ends the program at once.");
+    } else if !keeping || FIRST.get().is_none_or(|first| first.elapsed() >= TOGETHER) {
         std::process::exit(i32::from(INTERRUPTED));
     }
-    say("stopping; what was reached is kept. A second Ctrl-C or SIGTERM ends the program at once.");
 }
 
 #[cfg(unix)]

@@ -134,6 +134,8 @@ fn last_run(name: &str, digits: &str) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use photofit_mutants::{Shape, Target};
+    use serde_json::json;
 
     #[test]
     fn numbers_are_whole_runs_of_digits() {
@@ -145,5 +147,34 @@ mod tests {
         assert_eq!(number_of("room_02_color1.exr", &frames), Some((2, "02".to_owned())));
         assert_eq!(number_of("room1_2.exr", &frames), Some((2, "2".to_owned())));
         assert_eq!(number_of("room.exr", &frames), None);
+    }
+
+    #[test]
+    fn mutants_are_read_or_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = |k: u32| dir.path().join(format!("room_{k:02}.exr"));
+        for k in 0..4 {
+            std::fs::write(file(k), "").unwrap();
+        }
+        let last = Files { color: file(3), guides: Vec::new(), half: None };
+        let entry =
+            |k: u32| json!({"frame": k, "world_to_pixel": [[1, 0, 0.5, k], [0, 1, 0.5, 0], [0, 0, 1, 2]]});
+        let list: Vec<Value> = (0..4).map(entry).collect();
+        let seeds = [json!({"depth": "axis", "frames": list}), json!({"scenes": {"hall": [], "room": list}})]
+            .map(|v| v.to_string().into_bytes());
+        let cameras = dir.path().join("cameras.json");
+        let seen = Target { name: "sequence", shape: Shape::Json, seeds: &seeds }.run(
+            |n| n == 1000,
+            |bytes| {
+                std::fs::write(&cameras, bytes).unwrap();
+                let frames = frames(&cameras, &last).map_err(|e| e.to_string())?;
+                assert!(
+                    frames.last().is_some_and(|f| f.files.color == last.color),
+                    "the last frame is the own one"
+                );
+                Ok(())
+            },
+        );
+        seen.assert_deep("sequence", 0);
     }
 }

@@ -321,7 +321,10 @@ impl Job<'_> {
                 "the work was ended after the fit: what it reached is written, and nothing else was compared with it",
             );
         } else if outcome.stopped {
-            say("the judgement was ended early: what is written is complete, fewer views are judged");
+            let judged = output::counted(outcome.views.len(), "view");
+            say(&format!(
+                "the work was ended early: what was left to compare is not compared; judged by {judged}"
+            ));
         }
         if self.explain {
             print(&format!("what ran:\n{}\n\n", outcome.plan))?;

@@ -95,7 +95,8 @@ impl File {
             if !(0.1..=179.0).contains(&degrees) {
                 bail!("{}: `fov_y_degrees` is {degrees}; it must be 0.1 to 179", self.name);
             }
-            return Ok(Pinhole::look_at(eye, relative(target), up, degrees.to_radians(), width, height));
+            let camera = Pinhole::look_at(eye, relative(target), up, degrees.to_radians(), width, height);
+            return self.checked(camera);
         }
         let axes = [needed("right")?, needed("down")?, needed("forward")?];
         let focal = |key: &str| {
@@ -112,6 +113,10 @@ impl File {
             eye,
             axes,
         };
+        self.checked(camera)
+    }
+
+    fn checked(&self, camera: Pinhole) -> Result<Pinhole> {
         camera.check().map_err(|e| anyhow!("{}: {e}", self.name))?;
         Ok(camera)
     }
@@ -217,4 +222,31 @@ fn sensor_view(sensor: &Sensor, points: &Points, fov: Option<f32>, width: usize,
     };
     (camera.fx, camera.fy) = (focal, focal);
     camera
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use photofit_mutants::{Shape, Target};
+
+    #[test]
+    fn mutants_are_read_or_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("camera.json");
+        let seeds = [
+            json!({"eye": [1, 2, 3], "target": [0, 0, 0], "up": [0, 0, 1], "fov_y_degrees": 50, "width": 64, "height": 48}),
+            json!({"eye": [1, 2, 3], "right": [1, 0, 0], "down": [0, 1, 0], "forward": [0, 0, 1], "fx": 90, "fy": 91,
+                "cx": 30, "cy": 20, "width": 64, "height": 48}),
+        ]
+        .map(|v| v.to_string().into_bytes());
+        let seen = Target { name: "surface-camera", shape: Shape::Json, seeds: &seeds }.run(
+            |n| n == 2000,
+            |bytes| {
+                std::fs::write(&file, bytes).unwrap();
+                let camera = read(&file).and_then(|f| f.camera([0.5, 0.0, 1e6], (None, None)));
+                camera.map(drop).map_err(|e| e.to_string())
+            },
+        );
+        seen.assert_deep("surface-camera", 0);
+    }
 }

@@ -55,7 +55,7 @@ impl SurfaceClass {
 
 impl From<SurfaceClass> for BakeClass {
     fn from(class: SurfaceClass) -> Self {
-        Self { alpha: class.alpha.into(), opposed: class.opposed }
+        Self { alpha: class.alpha.into(), opposed: class.opposed, see_through: class.see_through }
     }
 }
 

@@ -1,6 +1,6 @@
 //! The scene as one mesh in world space.
 
-use crate::{Material, Primitive, Scene};
+use crate::{AlphaMode, Material, Primitive, Scene};
 use glam::Affine3A;
 use photofit_geometry::skinning::Affine;
 use photofit_geometry::tangents::{UvFrames, split_mirrored, vertex_tangents};
@@ -28,7 +28,8 @@ impl Scene {
     /// Normals go by the inverse transpose; mirrored transforms turn the winding of the triangles and the handedness
     /// of tangents, so that front faces stay counter-clockwise. Tangents exist when some placed material has a normal
     /// map: the file's, else those of MikkTSpace on the map's own texture coordinates (which may split vertices);
-    /// where no map needs them they are any unit vector across the normal.
+    /// where no map needs them they are any unit vector across the normal. Vertex colours of opaque materials have alpha
+    /// 1, since theirs means nothing.
     ///
     /// # Panics
     /// If the scene is not valid (see [`Scene::validate`]), or more than 2^32 - 1 vertices are placed.
@@ -47,8 +48,12 @@ impl Scene {
         for instance in &self.instances {
             let mesh = self.mesh_of(&prepared, instance.primitive);
             append(&mut flat.mesh, mesh, &instance.transform, wants);
-            let material = self.primitives[instance.primitive].material as u32;
-            flat.triangle_material.extend(std::iter::repeat_n(material, mesh.triangles.len()));
+            let material = self.primitives[instance.primitive].material;
+            if self.materials[material].alpha_mode == AlphaMode::Opaque {
+                let from = flat.mesh.colors.len().saturating_sub(mesh.positions.len());
+                flat.mesh.colors[from..].iter_mut().for_each(|c| c.w = 1.0);
+            }
+            flat.triangle_material.extend(std::iter::repeat_n(material as u32, mesh.triangles.len()));
         }
         flat
     }

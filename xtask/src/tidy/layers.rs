@@ -28,6 +28,7 @@ const PLACES: &[Place] = &[
     place(0, "scalar"),
     narrow(0, "gpu", &[]),
     place(0, "gradcheck"),
+    narrow(0, "mutants", &[]),
     narrow(0, "ktx2", &[]),
     place(1, "image"),
     narrow(1, "texture", &["scalar", "gpu"]),
@@ -51,7 +52,7 @@ const PLACES: &[Place] = &[
 ];
 
 /// Crates that production code never names.
-const DEV_ONLY: &[&str] = &["gradcheck"];
+const DEV_ONLY: &[&str] = &["gradcheck", "mutants"];
 
 /// (crate or `*`, dependency): allowed only behind a feature.
 const OPTIONAL: &[(&str, &str)] = &[("*", "gpu")];

@@ -64,12 +64,14 @@ pub struct BakeClass {
     pub alpha: AlphaClass,
     /// Whether their vertex normals point to the back of their triangles.
     pub opposed: bool,
+    /// Whether light passes through, so that their alpha is not that of the asset.
+    pub see_through: bool,
 }
 
 impl From<AlphaClass> for BakeClass {
-    /// Surfaces whose vertex normals are on the front.
+    /// Surfaces that are not glass and whose vertex normals are on the front.
     fn from(alpha: AlphaClass) -> Self {
-        Self { alpha, opposed: false }
+        Self { alpha, opposed: false, see_through: false }
     }
 }
 

@@ -1,6 +1,7 @@
 //! The reference as rays see it: geometry, materials, and what lies where a triangle is met.
 
 use super::{BakeClass, BakeError};
+use crate::engine::classes::transmits;
 use photofit_geometry::Mesh;
 use photofit_rays::{Accel, Hit};
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec4};
@@ -129,7 +130,8 @@ impl<'a> ReferenceSurface<'a> {
     #[inline]
     pub(crate) fn class(&self, triangle: u32) -> BakeClass {
         let opposed = self.opposed.get(triangle as usize).is_some_and(|o| *o);
-        BakeClass { alpha: self.material(triangle).alpha_mode.into(), opposed }
+        let material = self.material(triangle);
+        BakeClass { alpha: material.alpha_mode.into(), opposed, see_through: transmits(material) }
     }
 
     /// Normal of a triangle times twice its area.

@@ -142,6 +142,13 @@ impl Normalised {
         Ok(bake::ReferenceSurface::new(&self.flat, &self.materials, &self.library, &self.opposed)?)
     }
 
+    /// The classes of its triangles; the plain one of [`Self::light_asset`] may have none.
+    pub(crate) fn used_classes(&self) -> Vec<&MaterialClass> {
+        let mut used = vec![false; self.light_asset.classes.len()];
+        self.triangle_class.iter().for_each(|c| used[*c as usize] = true);
+        self.light_asset.classes.iter().zip(used).filter_map(|(c, used)| used.then_some(c)).collect()
+    }
+
     /// Class of each triangle of the reference.
     pub(crate) fn triangle_classes(&self) -> Vec<u32> {
         self.triangle_class.clone()

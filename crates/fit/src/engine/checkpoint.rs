@@ -11,6 +11,7 @@ use crate::{Difference, FitError, Progress};
 use photofit_image::write_atomically;
 use photofit_optim::State;
 use serde::{Deserialize, Serialize};
+use std::io::Read as _;
 use std::path::Path;
 
 const MAGIC: &[u8; 8] = b"PHOTOFT3";
@@ -208,6 +209,30 @@ pub(crate) fn load(
     })
 }
 
+/// Refuses the checkpoint of a folder where these options are others in it, before there is anything else to compare. Only its head
+/// is read: what is damaged is told by [`load`].
+///
+/// # Errors
+/// [`FitError::OtherFit`].
+pub(crate) fn check_options(folder: &Path, options: &Fingerprint) -> Result<(), FitError> {
+    let path = folder.join(FILE);
+    let head = |path: &Path| -> Option<Header> {
+        let mut file = std::fs::File::open(path).ok()?;
+        let mut start = [0; 24];
+        file.read_exact(&mut start).ok()?;
+        let length = u64::from_le_bytes(*start.last_chunk()?);
+        let mut json = Vec::new();
+        (start.starts_with(MAGIC) && length <= HEADER_MOST).then_some(())?;
+        file.take(length).read_to_end(&mut json).ok()?;
+        serde_json::from_slice(&json).ok()
+    };
+    let differences = head(&path).map_or_else(Vec::new, |h| options.other_options(&h.fingerprint));
+    if differences.is_empty() { Ok(()) } else { Err(FitError::OtherFit { path, differences }) }
+}
+
+/// Largest header that is read before a fit, bytes.
+const HEADER_MOST: u64 = 64 << 20;
+
 /// Largest checkpoint that is read, bytes: values, the best ones, two moments and a count of steps for each row, and room for
 /// the history and for another fit, whose differences are told.
 fn most_bytes(groups: &[Group]) -> u64 {
@@ -268,7 +293,7 @@ fn decode(
     fingerprint: &Fingerprint,
 ) -> Result<(Course, Vec<Loaded>), Refusal> {
     if !bytes.starts_with(MAGIC) {
-        return Err("it is no checkpoint of this version of photofit".into());
+        return Err("it is no checkpoint of this version of photofit; remove it to begin anew".into());
     }
     let word = |at: usize| bytes.get(at..at + 8).and_then(|b| b.try_into().ok()).map(u64::from_le_bytes);
     let (Some(checksum), Some(length)) = (word(8), word(16)) else {
@@ -314,112 +339,4 @@ fn decode(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn group(name: &'static str, rows: usize, columns: usize) -> Group {
-        Group { name: name.into(), rows, columns, ranges: Vec::new(), unit: None, rates: Vec::new() }
-    }
-
-    fn fingerprint(asset: &str) -> Fingerprint {
-        Fingerprint::default().option("batch", 2).digest("asset", asset)
-    }
-
-    fn rule(refusal: Refusal) -> String {
-        match refusal {
-            Refusal::ModelError(rule) => rule,
-            Refusal::Other(differences) => panic!("{differences:?}"),
-        }
-    }
-
-    fn sample() -> (Course, Vec<Group>, Vec<Loaded>) {
-        let course = Course {
-            step: 31,
-            skipped: 3,
-            begun: 2,
-            best_quality: 23.5,
-            history: vec![HistoryPoint { step: 25, seconds: 1.5, loss: 0.25, quality: 23.5 }],
-            loss: vec![0.5, 0.25],
-        };
-        let groups = vec![group("positions", 5, 3), group("maps", 4, 2)];
-        let loaded = groups
-            .iter()
-            .map(|g| {
-                let n = g.rows * g.columns;
-                let numbers = |a: f32| (0..n).map(|i| a + i as f32).collect::<Vec<f32>>();
-                let optimizer = State {
-                    m: numbers(0.1),
-                    v: numbers(0.2),
-                    step: 31,
-                    scale_exponent: -7,
-                    mean_square: 0.125,
-                    row_steps: vec![3; g.rows],
-                };
-                Loaded { values: numbers(1.0), best: numbers(2.0), optimizer }
-            })
-            .collect();
-        (course, groups, loaded)
-    }
-
-    fn bytes() -> Vec<u8> {
-        let (course, groups, loaded) = sample();
-        let saved: Vec<Saved<'_>> = groups
-            .iter()
-            .zip(&loaded)
-            .map(|(group, l)| Saved { group, values: &l.values, best: &l.best, optimizer: &l.optimizer })
-            .collect();
-        encode(&course, &saved, &fingerprint("a")).unwrap()
-    }
-
-    #[test]
-    fn what_is_written_is_read() {
-        let (course, groups, loaded) = sample();
-        assert_eq!(decode(&bytes(), &groups, &fingerprint("a")).unwrap(), (course, loaded));
-    }
-
-    #[test]
-    fn damage_is_always_noticed() {
-        let (_, groups, _) = sample();
-        let good = bytes();
-        for at in 0..good.len() {
-            for bit in [0x01, 0x80] {
-                let mut bad = good.clone();
-                bad[at] ^= bit;
-                assert!(decode(&bad, &groups, &fingerprint("a")).is_err(), "byte {at} of {}", good.len());
-            }
-        }
-        for length in 0..good.len() {
-            assert!(decode(&good[..length], &groups, &fingerprint("a")).is_err(), "cut to {length} bytes");
-        }
-        let longer = [&good[..], &[0; 4]].concat();
-        let rule = rule(decode(&longer, &groups, &fingerprint("a")).unwrap_err());
-        assert!(rule.contains("damaged"), "{rule}");
-    }
-
-    #[test]
-    fn another_fit_is_told_apart() {
-        let (_, groups, _) = sample();
-        let foreign = [
-            vec![group("positions", 5, 3), group("texels", 4, 2)],
-            vec![group("positions", 5, 3), group("maps", 5, 2)],
-            vec![group("positions", 5, 3)],
-        ];
-        for groups in foreign {
-            let rule = rule(decode(&bytes(), &groups, &fingerprint("a")).unwrap_err());
-            assert!(rule.contains("another fit"), "{rule}");
-        }
-        let Err(Refusal::Other(d)) = decode(&bytes(), &groups, &fingerprint("b")) else { panic!("taken") };
-        assert_eq!((d.len(), d[0].to_string().as_str()), (1, "asset is not the same"));
-    }
-
-    #[test]
-    fn a_huge_header_length_takes_no_memory() {
-        let (_, groups, _) = sample();
-        let mut bad = bytes();
-        bad[16..24].copy_from_slice(&u64::MAX.to_le_bytes());
-        let mut digest = Digest::new();
-        digest.add_bytes(&bad[16..]);
-        bad[8..16].copy_from_slice(&digest.value().to_le_bytes());
-        assert!(rule(decode(&bad, &groups, &fingerprint("a")).unwrap_err()).contains("too early"));
-    }
-}
+mod tests;

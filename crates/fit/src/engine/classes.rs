@@ -6,7 +6,7 @@
 //! light are drawn blended, so that what lies behind them is seen and kept.
 
 use photofit_scene::{
-    AlphaMode, Extensions, Instance, Material, Primitive, Scene, SurfacePoints, VertexAttribute,
+    AlphaMode, Extensions, Instance, Material, Primitive, Scene, SurfacePoints, TextureImage, VertexAttribute,
 };
 use photofit_shading::Sides;
 use std::borrow::Cow;
@@ -15,7 +15,8 @@ use std::collections::BTreeMap;
 /// Scales that differ by no more than this share are one: nobody sees such a difference in the thickness of glass.
 const SAME_SCALE: f32 = 0.05;
 
-/// Share of a surface's light that is drawn although it transmits all of it: its reflections are there.
+/// Share of a surface's light that is drawn although it transmits all of it: its reflections are there. Not measured: enough
+/// that the outline and the highlights of clear glass move a loss, little enough that what lies behind it decides.
 const LEAST_OPACITY: f32 = 0.25;
 
 /// Materials that become one material of the light asset.
@@ -97,7 +98,7 @@ pub(crate) fn classes(scene: &Scene) -> (Vec<MaterialClass>, Vec<u32>) {
             AlphaMode::Mask { .. } => MASK,
             mode => mode,
         };
-        let see_through = transmits(m).then(|| drawn_share(m));
+        let see_through = transmits(m).then(|| drawn_share(scene, i));
         let drawn = if see_through.is_some() { AlphaMode::Blend } else { written };
         MaterialClass {
             name: String::new(),
@@ -127,18 +128,32 @@ pub(crate) fn classes(scene: &Scene) -> (Vec<MaterialClass>, Vec<u32>) {
     (classes, of)
 }
 
-/// A scene as a fit draws it: surfaces that transmit light are blended.
+/// A scene as a fit draws it: surfaces that transmit light are blended. Their alpha is that of the file where it means
+/// something there, and 1 where they are opaque to glTF.
 pub(crate) fn drawn(scene: &Scene) -> Cow<'_, Scene> {
     if !scene.materials.iter().any(transmits) {
         return Cow::Borrowed(scene);
     }
-    let mut scene = scene.clone();
-    for m in scene.materials.iter_mut().filter(|m| transmits(m)) {
+    let mut out = scene.clone();
+    for (i, m) in scene.materials.iter().enumerate().filter(|(_, m)| transmits(m)) {
         let alpha = if m.alpha_mode == AlphaMode::Opaque { 1.0 } else { m.base_color[3] };
-        m.base_color[3] = alpha * drawn_share(m);
-        m.alpha_mode = AlphaMode::Blend;
+        out.materials[i].base_color[3] = alpha * drawn_share(scene, i);
+        out.materials[i].alpha_mode = AlphaMode::Blend;
+        if let (AlphaMode::Opaque, Some(slot)) = (m.alpha_mode, &mut out.materials[i].base_color_texture)
+            && scene.images[slot.image].texels.iter().any(|t| t[3] < 255)
+        {
+            out.images.push(without_alpha(&scene.images[slot.image]));
+            slot.image = out.images.len() - 1;
+        }
     }
-    Cow::Owned(scene)
+    Cow::Owned(out)
+}
+
+/// The colours of an image.
+fn without_alpha(image: &TextureImage) -> TextureImage {
+    let mut out = TextureImage { texels16: Vec::new(), encoded: None, ..image.clone() };
+    out.texels.iter_mut().chain(out.mips.iter_mut().flatten()).for_each(|t| t[3] = 255);
+    out
 }
 
 /// Whether light passes through a material, which an alpha mask does not cut out.
@@ -146,9 +161,20 @@ pub(crate) fn transmits(m: &Material) -> bool {
     transmission(m) > 0.0 && !m.unlit && !matches!(m.alpha_mode, AlphaMode::Mask { .. })
 }
 
-/// Share of alpha that is drawn of a material through which light passes.
-fn drawn_share(m: &Material) -> f32 {
-    1.0 - transmission(m).clamp(0.0, 1.0) * (1.0 - LEAST_OPACITY)
+/// Share of alpha that is drawn of a material through which light passes: that of the light asset's, whose transmission is
+/// the mean of the texture.
+fn drawn_share(scene: &Scene, material: usize) -> f32 {
+    let extensions = averaged(scene, material);
+    let factor = extensions.and_then(|e| e.transmission).map_or(0.0, |t| t.factor);
+    1.0 - factor.clamp(0.0, 1.0) * (1.0 - LEAST_OPACITY)
+}
+
+/// The extensions of a material, whose textures have become mean values.
+fn averaged(scene: &Scene, material: usize) -> Option<Extensions> {
+    let extensions = scene.materials[material].extensions.as_ref()?;
+    let textured = extensions.textures().next().is_some();
+    let points = if textured { scene.surface_points(material) } else { SurfacePoints::default() };
+    Some(extensions.averaged(&scene.images, &points))
 }
 
 /// Share of the light that passes.
@@ -162,10 +188,7 @@ fn kept(scene: &Scene, material: usize) -> Option<Box<Extensions>> {
     if m.unlit {
         return None;
     }
-    let extensions = m.extensions.as_ref()?;
-    let textured = extensions.textures().next().is_some();
-    let points = if textured { scene.surface_points(material) } else { SurfacePoints::default() };
-    let mut kept = extensions.averaged(&scene.images, &points);
+    let mut kept = averaged(scene, material)?;
     if let Some(volume) = &mut kept.volume {
         volume.thickness *= placed_scale(scene, material);
     }

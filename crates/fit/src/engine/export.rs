@@ -23,7 +23,8 @@ pub fn to_scene(candidate: &Candidate, light: &LightAsset) -> Scene {
         *p = light.frame.to_world(*p);
     }
     let levels = candidate.maps.levels.iter().take(candidate.fitted_levels());
-    let levels: Vec<Written> = levels.map(|level| Written::new(level, &mesh, candidate, light)).collect();
+    let levels: Vec<WrittenLevel> =
+        levels.map(|level| WrittenLevel::new(level, &mesh, candidate, light)).collect();
 
     let mut scene = Scene { name: light.name.clone(), ..Scene::default() };
     let written = |class: &u32| light.classes[*class as usize].written;
@@ -58,7 +59,7 @@ pub fn to_scene(candidate: &Candidate, light: &LightAsset) -> Scene {
 }
 
 /// A level of the maps as it is written.
-struct Written {
+struct WrittenLevel {
     width: usize,
     height: usize,
     texels: Vec<[f32; CHANNELS]>,
@@ -66,7 +67,7 @@ struct Written {
     owned: Vec<bool>,
 }
 
-impl Written {
+impl WrittenLevel {
     fn new(level: &Maps, mesh: &Mesh, candidate: &Candidate, light: &LightAsset) -> Self {
         let (width, height) = (level.width, level.height);
         let mut texels = level.texels.clone();
@@ -166,7 +167,7 @@ pub(crate) fn atlas_slot(image: usize) -> TextureSlot {
 }
 
 /// Smallest and largest value of a channel over the owned texels of all levels.
-fn range(levels: &[Written], c: usize) -> (f32, f32) {
+fn range(levels: &[WrittenLevel], c: usize) -> (f32, f32) {
     levels
         .iter()
         .flat_map(|l| l.texels.iter().zip(&l.owned))
@@ -174,13 +175,13 @@ fn range(levels: &[Written], c: usize) -> (f32, f32) {
         .fold((f32::INFINITY, f32::NEG_INFINITY), |(lo, hi), (t, _)| (lo.min(t[c]), hi.max(t[c])))
 }
 
-fn material(scene: &mut Scene, levels: &[Written], transparent: bool) -> Material {
+fn material(scene: &mut Scene, levels: &[WrittenLevel], transparent: bool) -> Material {
     let constant = |c: usize| {
         let (lo, hi) = range(levels, c);
         (hi - lo <= FLAT || !lo.is_finite()).then(|| if lo.is_finite() { 0.5 * (lo + hi) } else { 1.0 })
     };
     let mut add = |name: &str, texel: &dyn Fn(&[f32; CHANNELS]) -> [u8; 4]| {
-        let of = |level: &Written| level.texels.iter().map(texel).collect();
+        let of = |level: &WrittenLevel| level.texels.iter().map(texel).collect();
         let (base, coarse) = levels.split_first().expect("maps have a base level");
         scene.images.push(TextureImage {
             name: name.into(),
@@ -241,25 +242,50 @@ mod tests {
     use crate::engine::classes::drawn;
     use crate::engine::plan::tests::{candidate, scene};
     use crate::engine::{Normalised, vertex_colors};
-    use photofit_scene::{Extensions, Transmission};
+    use photofit_scene::{Extensions, SurfaceLibrary, Transmission};
+
+    /// A cube of glass whose transmission and whose alpha come from a texture as well.
+    fn glass(alpha_mode: AlphaMode, factor: f32, texels: Option<[u8; 4]>) -> Scene {
+        let slot = texels.map(|_| TextureSlot::new(0));
+        let transmission = Some(Transmission { factor, texture: slot.clone() });
+        let mut asset = scene(Material {
+            base_color: [0.9, 0.5, 0.2, 0.8],
+            base_color_texture: slot,
+            alpha_mode,
+            extensions: Some(Box::new(Extensions { transmission, ..Extensions::default() })),
+            ..Material::clay()
+        });
+        asset.images.extend(texels.map(|t| TextureImage {
+            width: 1,
+            height: 1,
+            texels: vec![t],
+            ..TextureImage::default()
+        }));
+        let mesh = &mut asset.primitives[0].mesh;
+        mesh.uvs = vec![photofit_scalar::vec2(0.5, 0.5); mesh.positions.len()];
+        asset
+    }
 
     #[test]
     fn alpha_of_glass_is_written_so_that_it_is_drawn_as_in_the_fit() {
-        let glass = |factor| {
-            let transmission = Some(Transmission { factor, texture: None });
-            Some(Box::new(Extensions { transmission, ..Extensions::default() }))
-        };
-        for (alpha_mode, factor) in
-            [(AlphaMode::Blend, 1.0), (AlphaMode::Blend, 0.5), (AlphaMode::Opaque, 1.0)]
-        {
-            let base_color = [0.9, 0.5, 0.2, 0.8];
-            let asset =
-                scene(Material { base_color, alpha_mode, extensions: glass(factor), ..Material::clay() });
+        // Half of the light passes by the red of the texture; its alpha of 102 / 255 counts where alpha counts.
+        let texels = Some([128, 255, 255, 102]);
+        for (alpha_mode, factor, texels, written) in [
+            (AlphaMode::Blend, 1.0, None, 0.8),
+            (AlphaMode::Blend, 0.5, None, 0.8),
+            (AlphaMode::Opaque, 1.0, None, 1.0),
+            (AlphaMode::Blend, 1.0, texels, 0.8 * 0.4),
+            (AlphaMode::Opaque, 0.8, texels, 1.0),
+        ] {
+            let asset = glass(alpha_mode, factor, texels);
             let (light, class) = LightAsset::of(&asset, Normalised::new(&asset).unwrap().frame());
             // Maps hold what is baked from the asset as a fit draws it.
-            let shown = drawn(&asset).materials[0].base_color[3];
+            let middle = photofit_scalar::vec2(0.5, 0.5);
+            let shown = SurfaceLibrary::new(&drawn(&asset)).alpha(0, middle, middle, 1.0);
+            let passes = factor * texels.map_or(1.0, |t| f32::from(t[0]) / 255.0);
+            assert!((shown - written * (1.0 - 0.75 * passes)).abs() < 1e-5, "{alpha_mode:?}: {shown}");
             let mut sheet = candidate(AlphaMode::Blend, |_, t| {
-                t[..3].copy_from_slice(&base_color[..3]);
+                t[..3].copy_from_slice(&asset.materials[0].base_color[..3]);
                 t[channel::ALPHA] = shown;
             });
             sheet.class.fill(class[0]);
@@ -267,18 +293,29 @@ mod tests {
             for made in [to_scene(&sheet, &light), vertex_colors::colored(&sheet, &light).scene] {
                 let alpha = |scene: &Scene| {
                     let m = &scene.materials[0];
-                    let texel = m.base_color_texture.map_or(1.0, |s| {
+                    let texel = m.base_color_texture.as_ref().map_or(1.0, |s| {
                         let image = &scene.images[s.image];
                         f32::from(image.texels[image.texels.len() / 2][3]) / 255.0
                     });
                     let vertex = scene.primitives[0].mesh.colors.first().map_or(1.0, |c| c.w);
                     m.base_color[3] * texel * vertex
                 };
-                let written = if alpha_mode == AlphaMode::Blend { 0.8 } else { 1.0 };
                 assert!((alpha(&made) - written).abs() < 3e-3, "{alpha_mode:?}, {factor}: {}", alpha(&made));
                 let judged = alpha(&drawn(&made));
                 assert!((judged - shown).abs() < 3e-3, "{alpha_mode:?}, {factor}: {judged}, fitted {shown}");
             }
         }
+    }
+
+    #[test]
+    fn alpha_that_means_nothing_is_not_drawn() {
+        let mut asset = glass(AlphaMode::Opaque, 1.0, None);
+        let mesh = &mut asset.primitives[0].mesh;
+        mesh.colors = vec![photofit_scalar::vec4(1.0, 1.0, 1.0, 0.3); mesh.positions.len()];
+        let n = Normalised::new(&asset).unwrap();
+        assert!(n.flat.mesh.colors.iter().all(|c| c.w == 1.0), "opaque to glTF");
+        asset.materials[0].alpha_mode = AlphaMode::Blend;
+        let n = Normalised::new(&asset).unwrap();
+        assert!(n.flat.mesh.colors.iter().all(|c| c.w < 0.5));
     }
 }

@@ -26,6 +26,13 @@ impl Fingerprint {
         self
     }
 
+    /// Which of these options are others in `saved`, whatever else it has.
+    pub(crate) fn other_options(&self, saved: &Self) -> Vec<Difference> {
+        let asked = |o: &&(String, String)| self.options.iter().any(|own| own.0 == o.0);
+        let was: Vec<_> = saved.options.iter().filter(asked).cloned().collect();
+        differing(&was, &self.options, false)
+    }
+
     /// What is another than in `saved`: options, or, where all of them agree, digests, which follow from options too.
     pub(crate) fn differences(&self, saved: &Self) -> Vec<Difference> {
         let options = differing(&saved.options, &self.options, false);
@@ -64,6 +71,10 @@ mod tests {
         let expected =
             ["ratio was 0.1 and is not given", "batch was 2 and is 3", "triangles was not given and is 50"];
         assert_eq!(told(&base, &other), expected);
+        let early =
+            |now: Fingerprint| now.other_options(&base).iter().map(ToString::to_string).collect::<Vec<_>>();
+        assert!(early(Fingerprint::default().option("batch", 2)).is_empty());
+        assert_eq!(early(Fingerprint::default().option("batch", 3)), ["batch was 2 and is 3"]);
         let moved = Fingerprint::default().option("ratio", 0.1).option("batch", 2).digest("asset", "b");
         assert_eq!(told(&base, &moved), ["asset is not the same"]);
     }

@@ -381,13 +381,14 @@ impl<M: Model> Trainer<'_, M> {
         Ok(false)
     }
 
-    /// Whether the last evaluations of a phase brought nothing.
+    /// Whether the last evaluations of a phase brought nothing better.
     fn is_stale(&self, phase: &Phase<'_, M::Asset>) -> bool {
         let history = &self.course.history;
         let qualities: Vec<f64> =
             history.iter().filter(|h| h.step >= phase.first).map(|h| h.quality).collect();
         let best = qualities.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        qualities.iter().rev().take_while(|l| **l < best).count() >= PATIENCE
+        let first = qualities.iter().position(|q| *q >= best);
+        first.is_some_and(|first| qualities.len() - 1 - first >= PATIENCE)
     }
 
     fn one_step(&mut self, phase: &Phase<'_, M::Asset>) -> Result<(), FitError> {

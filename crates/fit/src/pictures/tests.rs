@@ -6,6 +6,7 @@ use crate::engine::reference::Reference;
 use crate::engine::views::Views;
 use glam::Vec3;
 use photofit_geometry::shapes::cube;
+use photofit_mutants::{Shape, Target};
 use photofit_scene::{Instance, Material, Primitive, Scene};
 use serde_json::{Value, json};
 
@@ -301,4 +302,32 @@ fn the_list_is_checked_before_a_picture_is_decoded() {
     file["frames"][8]["transform_matrix"][0][0] = json!(2);
     let told = load(&dir, &file).unwrap_err().to_string();
     assert!(told.contains("frame 8") && told.contains("transform_matrix"), "{told}");
+}
+
+#[test]
+fn mutants_are_read_or_refused() {
+    let (dir, mut file) = folder();
+    let point = json!({"type": "point", "position": [0, 3, 1], "intensity": [2, 2, 1]});
+    file["lights"] = json!([point, {"type": "directional", "direction": [0, 1, 0], "irradiance": [1, 1, 1]},
+        {"type": "ambient", "radiance": [0.1, 0.2, 0.3]}]);
+    file["applied_transform"] = json!([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0.5]]);
+    let mut other = folder().1;
+    other["frames"][3]["camera_angle_x"] = json!(0.6);
+    other["frames"][4]["lights"] = json!([point]);
+    let seeds = [file, other].map(|f| f.to_string().into_bytes());
+    let frame = asset().frame();
+    let seen = Target { name: "transforms", shape: Shape::Json, seeds: &seeds }.run(
+        |n| n == 600,
+        |bytes| {
+            std::fs::write(dir.path().join(FILE), bytes).unwrap();
+            let outline: Outline<'_> = &|s| Ok(Image::new(s.width, s.height, 4).map(|_| 1.0));
+            let read = PictureFolder::load(dir.path(), frame, 0, outline).map_err(|e| e.to_string())?;
+            let sound = |p: &GivenPicture| {
+                p.camera.pinhole().view_projection().is_finite() && p.image.width * p.image.height == 24
+            };
+            assert!(read.given.pictures().iter().all(sound), "cameras and pictures are sound");
+            Ok(())
+        },
+    );
+    seen.assert_deep("transforms", 0);
 }

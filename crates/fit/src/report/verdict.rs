@@ -31,6 +31,8 @@ pub struct Verdict {
     pub surfacing: Surfacing,
     /// Whether steps of a fit were made.
     pub fitted: bool,
+    /// Whether what was written was compared with what else could be.
+    pub compared: bool,
     /// The asset itself drawn the same way, where engines draw it: with one sample a pixel it differs from the reference
     /// too. [`Self::likeness`] is then by what FLIP of the written file exceeds that of the asset.
     pub original: Option<Quality>,
@@ -82,14 +84,16 @@ impl Verdict {
         let original = all.iter().position(|s| s.0 == ORIGINAL).map(of);
         let better = better(&all[..k], &all[k].1);
         let (written, surfacing, fitted) = (o.written, o.surfacing, o.steps > 0);
-        Self { better, written, surfacing, fitted, ..Self::new(&of(k), original.as_deref()) }
+        let compared = o.was_chosen();
+        Self { better, written, surfacing, fitted, compared, ..Self::new(&of(k), original.as_deref()) }
     }
 
     /// Of views, and of the asset itself in the same ones.
     fn new(views: &[Quality], original: Option<&[Quality]>) -> Self {
         let mean = Quality::mean(views.iter());
         let worst = views.iter().copied().enumerate().max_by(|a, b| a.1.flip.total_cmp(&b.1.flip));
-        let (written, surfacing, fitted, better) = (Written::Fitted, Surfacing::Maps, true, None);
+        let (written, surfacing, better) = (Written::Fitted, Surfacing::Maps, None);
+        let (fitted, compared) = (true, true);
         let likeness = match original {
             _ if views.is_empty() => Likeness::Unknown,
             None => Likeness::of(mean.flip, worst.map_or(0.0, |w| w.1.flip)),
@@ -101,7 +105,8 @@ impl Verdict {
             }
         };
         let original = original.map(|o| Quality::mean(o.iter()));
-        Self { likeness, mean, worst, views: views.len(), better, written, surfacing, fitted, original }
+        let views = views.len();
+        Self { likeness, mean, worst, views, better, written, surfacing, fitted, compared, original }
     }
 }
 
@@ -117,11 +122,12 @@ impl fmt::Display for Verdict {
         let Some((k, worst)) = &self.worst else { return write!(f, "{}", self.likeness) };
         write!(
             f,
-            "{}: PSNR {} dB, FLIP {:.3} over {} new views; worst view {}: {} dB, FLIP {:.3}",
+            "{}: PSNR {} dB, FLIP {:.3} over {} new {}; worst view {}: {} dB, FLIP {:.3}",
             self.likeness,
             self.mean.decibels(1),
             self.mean.flip,
             self.views,
+            if self.views == 1 { "view" } else { "views" },
             k + 1,
             worst.decibels(1),
             worst.flip
@@ -137,6 +143,9 @@ impl fmt::Display for Verdict {
             }
             Written::Wrapped | Written::Sphere | Written::Baked if !self.fitted => {
                 write!(f, "; written is {start} with baked {maps}: no steps were made")
+            }
+            Written::Wrapped | Written::Sphere | Written::Baked if !self.compared => {
+                write!(f, "; written is the start, {start} with baked {maps}: no step came to a better one")
             }
             Written::Wrapped | Written::Sphere | Written::Baked => write!(
                 f,
@@ -158,6 +167,7 @@ impl fmt::Display for Verdict {
         if let Some((name, q)) = &self.better {
             let start = |start: Written| format!(" ({} with baked {maps})", start.start());
             let what = match *name {
+                own if own == self.written.name() => " (the same before its textures were made smaller)".into(),
                 "decimated" => " (as many triangles with the asset's own materials and all their texels)".into(),
                 "fitted" => {
                     " (the fit, which looked worse in the views of the choice or takes more bytes than allowed)".into()
@@ -203,7 +213,7 @@ mod tests {
             assert_eq!(text.matches("table calls").count(), 1, "{text}");
         }
         for (name, words) in [
-            ("baked", "baked (the decimated asset with baked maps)"),
+            ("baked", "baked (the decimated shape with baked maps)"),
             ("sphere", "sphere (a"),
             ("start", "start scores"),
         ] {

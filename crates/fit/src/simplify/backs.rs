@@ -33,7 +33,7 @@ impl Backs {
         if steps == 0 || !kind.draws_backs {
             return Ok(Self { seen: None, share: 0.0 });
         }
-        let single = n.light_asset.classes.iter().any(|c| c.sides == Sides::Front);
+        let single = n.used_classes().iter().any(|c| c.sides == Sides::Front);
         let seen = if single { seen(n)? } else { 0.0 };
         Ok(Self { seen: Some(seen), share: if seen >= NOTICED { SHARE } else { 0.0 } })
     }

@@ -110,7 +110,7 @@ fn needless(from: Option<&Candidate>, options: &SimplifyOptions) -> Option<Strin
             return Some(format!("the fit starts from {}", options.init.name()));
         }
         (_, Target::Error(_) | Target::ScreenSize(_)) => {
-            "the budget is an error: other weights mean other numbers of triangles"
+            "the budget is an error or a size on screen: other weights mean other numbers of triangles"
         }
         _ if !options.effort.work().compares_starts => "a fast fit has one start",
         _ => return None,

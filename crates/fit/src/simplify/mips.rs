@@ -57,8 +57,8 @@ pub(super) fn check(o: &SimplifyOptions) -> Result<(), FitError> {
 
 /// Whether free levels can be written for surfaces of these classes. A coarse texel may belong to surfaces of several classes,
 /// of which some are drawn from other samples than their material names: for classic levels the base alone is converted.
-pub(super) fn check_classes(o: &SimplifyOptions, classes: &[MaterialClass]) -> Result<(), FitError> {
-    let some = |of: fn(&MaterialClass) -> bool| classes.iter().any(of);
+pub(super) fn check_classes(o: &SimplifyOptions, classes: &[&MaterialClass]) -> Result<(), FitError> {
+    let some = |of: fn(&MaterialClass) -> bool| classes.iter().any(|c| of(c));
     let needs = |holds, must| rule("mips", o.mips.name(), o.mips == Mips::Classic || holds, must);
     let lit = some(|c| !c.unlit);
     needs(!(lit && some(|c| c.unlit)), "needs materials that are all lit or all unlit")?;

@@ -47,6 +47,7 @@ pub use through_path::{FitRenderer, TRACED_FOLDER};
 
 use crate::bake;
 use crate::candidate::Candidate;
+use crate::engine::checkpoint;
 use crate::engine::classes::apart_by_scale;
 use crate::engine::device::train_on;
 use crate::engine::fingerprint::Fingerprint;
@@ -56,7 +57,7 @@ use crate::engine::plan::SurfacePlan;
 use crate::engine::surface::{
     POSITIONS, Surface, fade_over, group_of_level, rate_of_maps, rate_of_positions, samples_of,
 };
-use crate::engine::trainer::{self, HeldOut, Job, Phase};
+use crate::engine::trainer::{self, HeldOut, Job, Keeping, Phase};
 use crate::engine::views::Moment;
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
@@ -115,6 +116,11 @@ fn resolved_since(
     progress: &dyn Progress,
 ) -> Result<Outcome, FitError> {
     locks::check(scene, options, progress)?;
+    if let Keeping { checkpoint: Some(folder), resume: true, .. } = options.keeping()
+        && options.fit_steps() > 0
+    {
+        checkpoint::check_options(&folder, &steering(options).option("steps", options.steps))?;
+    }
     told.iter().for_each(|t| progress.warn(t));
     with_asset(scene, progress, |asset| simplify_asset(asset, None, output, options, began, progress))
 }
@@ -165,7 +171,7 @@ pub(crate) fn simplify_asset(
     progress: &dyn Progress,
 ) -> Result<Outcome, FitError> {
     let Asset { given, scene, n, rays, visibility } = asset;
-    mips::check_classes(options, &n.light_asset.classes)?;
+    mips::check_classes(options, &n.used_classes())?;
     if options.surfacing == Surfacing::Kept {
         return kept::simplify(asset, output, options, began, progress);
     }
@@ -185,8 +191,8 @@ pub(crate) fn simplify_asset(
     let loss = loss::choose(&held_out);
     let plan = options.plan(given, reference.kind()).with_backs(backs.seen, backs.share);
     let plan = plan.with_unseen(start.unseen.map(|dropped| prepare::unseen(rays, visibility, dropped)));
-    let fitted = SurfacePlan::new(&start.candidate, options.asked(reference.kind()));
-    let plan = plan.with_loss(loss, held_out.noise).with_maps(fitted.clone()).with_outline(starts.row);
+    let surface = SurfacePlan::new(&start.candidate, options.asked(reference.kind()));
+    let plan = plan.with_loss(loss, held_out.noise).with_maps(surface.clone()).with_outline(starts.row);
     let keeping = through_path::keeping_before(options);
     let job = Job {
         reference,
@@ -210,10 +216,10 @@ pub(crate) fn simplify_asset(
     let mut plan_with_phases = None;
     let (trained, device) = train_on(
         &device,
-        Surface::new(start.candidate.clone(), &fitted),
+        Surface::new(start.candidate.clone(), &surface),
         &job,
         |psnr| {
-            let phases = phases(options, (start.distance, fitted.fades), (psnr, levels), &rebake);
+            let phases = phases(options, (start.distance, surface.fades), (psnr, levels), &rebake);
             plan_with_phases = Some(plan.clone().with_phases(&phases));
             phases
         },
@@ -295,9 +301,15 @@ fn stages(
 
 /// The options and the topology that steer a fit, a share of whose views shows backs.
 fn fingerprint(o: &SimplifyOptions, backs: f32, start: &Candidate) -> Fingerprint {
-    let mut digest = crate::engine::checkpoint::Digest::new();
+    let mut digest = checkpoint::Digest::new();
     digest.add(start.triangles.as_flattened());
     digest.add(&start.uvs);
+    let digest = format!("{:016x}", digest.value());
+    steering(o).option("single-sided backs", backs).digest("shape that the fit starts from", digest)
+}
+
+/// The options that steer a fit.
+fn steering(o: &SimplifyOptions) -> Fingerprint {
     let all = match o.target {
         Target::Triangles(n) => Fingerprint::default().option("triangles", n),
         Target::Ratio(r) => Fingerprint::default().option("ratio", r),
@@ -317,9 +329,7 @@ fn fingerprint(o: &SimplifyOptions, backs: f32, start: &Candidate) -> Fingerprin
         .option("seed", o.seed)
         .option("lighting", o.lighting.name())
         .option("occlusion", o.occlusion.name())
-        .option("single-sided backs", backs)
         .option("reference", format!("{:?}", o.reference).to_lowercase())
-        .digest("shape that the fit starts from", format!("{:016x}", digest.value()))
 }
 
 /// Coarse to fine: half resolution (all sizes where mip levels are free), then, with maps baked anew on the moved shape, full

@@ -472,9 +472,8 @@ impl Resolved {
     }
 }
 
-/// Why a fit makes no steps though some are asked for.
-const NOTHING_LACKS: &str =
-    "all triangles fit into the bytes: nothing is missing that a fit could make up for";
+/// Why a fit makes no steps, however many are asked for.
+const NOTHING_LACKS: &str = "all triangles stay: nothing is missing that a fit could make up for";
 
 /// Share of the triangles from which on a budget is mild: most bytes are those of textures then.
 pub const MILD: f64 = 0.25;

@@ -103,7 +103,8 @@ pub enum Written {
     Fitted,
     /// The fitted shape, its maps baked anew.
     Rebaked,
-    /// The start that was decimated and drawn onto the asset's surface: no fit looked better.
+    /// The start that was decimated (from the asset, or from the level of detail before) and drawn onto the asset's surface:
+    /// no fit looked better.
     Wrapped,
     /// The start that was a sphere, drawn onto the asset's surface: no fit looked better.
     Sphere,
@@ -135,12 +136,14 @@ impl Written {
         }
     }
 
-    /// The shape of a start.
+    /// The shape of a start: of the asset, or of the level of detail before.
     pub(crate) fn start(self) -> &'static str {
         match self {
-            Self::Wrapped => "the decimated asset, drawn onto its surface,",
+            Self::Wrapped => "the decimated shape, drawn onto the asset's surface,",
             Self::Sphere => "a sphere, drawn onto the asset's surface,",
-            _ => "the decimated asset",
+            Self::Fitted | Self::Rebaked | Self::Baked | Self::Decimated | Self::Kept | Self::Whole => {
+                "the decimated shape"
+            }
         }
     }
 

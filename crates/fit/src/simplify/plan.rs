@@ -136,7 +136,7 @@ impl FitPlan {
         Self { device, ..self }
     }
 
-    /// Adds where occlusion maps come from.
+    /// Adds where occlusion maps come from; it is told once [`Self::with_surfacing`] is known, too.
     #[must_use]
     pub fn with_occlusion(self, occlusion: Occlusion) -> Self {
         Self { occlusion: Some(occlusion), ..self }
@@ -239,7 +239,11 @@ impl FitPlan {
         items.extend(self.judgement.as_ref().map(Judgement::item));
         items.extend(self.backs.map(|(seen, share)| rows::backs(seen, share)));
         items.extend(self.outline.clone());
-        items.extend(self.mips.map(|sizes| rows::free_mips(sizes, self.makes_steps())));
+        let own = self.surface() == LightSurface::Own;
+        items.extend(self.mips.map(|sizes| match own {
+            false => rows::free_mips(sizes, self.makes_steps()),
+            true => rows::own_mips(),
+        }));
         items.extend(self.device.clone().map(rows::device));
         items
     }

@@ -114,6 +114,7 @@ pub fn decimate_reporting(
     let (centre, diagonal, source) = (soup.centre, soup.diagonal, soup.source.clone());
     let (mut engine, original) = setup::engine(mesh, soup, group, importance, options);
     stats.components = engine.parts.len();
+    let goal = goal.beside_locked(&engine);
     run::run(&mut engine, &goal, &mut stats, &|share| report(share * COLLAPSES))?;
     if let Some(original) = original.filter(|_| stats.collapses > 0) {
         let report = |share: f32| report(COLLAPSES + (1.0 - COLLAPSES) * share);

@@ -5,8 +5,8 @@ use crate::Mesh;
 /// When to stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Target {
-    /// At most this many triangles (at least 1); more only where [`Options::lock_border`] or [`Options::locked`] leaves no
-    /// choice.
+    /// At most this many triangles (at least 1); more where [`Options::lock_border`] or [`Options::locked`] leaves no choice, or
+    /// would leave what is not locked less than half of its share.
     Triangles(usize),
     /// At most this share of the input triangles, in `(0, 1]`; never fewer than one.
     Ratio(f64),

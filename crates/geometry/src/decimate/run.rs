@@ -13,6 +13,9 @@ const REMOVABLE: usize = 64;
 /// Entries looked at between two reports.
 const REPORT_EVERY: u32 = 1 << 14;
 
+/// Least part of its share of a budget that what is not locked keeps.
+const LEAST_SHARE: f64 = 0.5;
+
 /// Set in the flags of an entry whose cost contains the factor on pinching.
 const PINCH: u32 = 4;
 
@@ -39,6 +42,23 @@ impl Goal {
                 Self { triangles: 1, error2: square(0.5 / px).min(limit), forced: false }
             }
         }
+    }
+
+    /// The same, with more triangles where locked vertices would leave too few for everything else.
+    pub(super) fn beside_locked(self, engine: &Engine<'_>) -> Self {
+        if !self.forced || !engine.any_fixed {
+            return self;
+        }
+        let fixed = |v: &u32| engine.fixed[*v as usize];
+        let between = engine.topology.triangles.iter().filter(|t| t.iter().all(fixed)).count();
+        // A part whose n vertices are all locked, on its border or in a closed strip, has n - 2 triangles at least.
+        let vertices = engine.fixed.iter().filter(|f| **f).count();
+        let parts = engine.parts.iter().filter(|p| p.held).count();
+        let live = engine.topology.live;
+        let locked = between.max(vertices.saturating_sub(2 * parts)).min(live);
+        let share = LEAST_SHARE * self.triangles.min(live) as f64 / live as f64;
+        let least = locked + ((live - locked) as f64 * share).ceil() as usize;
+        Self { triangles: self.triangles.max(least), ..self }
     }
 }
 

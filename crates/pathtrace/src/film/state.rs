@@ -100,3 +100,32 @@ pub(crate) fn checksum(bytes: &[u8]) -> u64 {
     rest.iter().for_each(|b| step(u64::from(*b)));
     h ^ bytes.len() as u64
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::film::{Aov, Film};
+    use photofit_mutants::{Packing, Shape, Target};
+
+    /// A state whose checksum is right.
+    static PACKING: Packing = Packing {
+        unpack: |bytes| Some(vec![bytes.split_last_chunk::<8>()?.0.to_vec()]),
+        pack: |parts| [&parts[0][..], &checksum(&parts[0]).to_le_bytes()].concat(),
+        shapes: &[Shape::Bytes],
+    };
+
+    #[test]
+    fn mutants_are_read_or_refused() {
+        let keys = [Key { name: "camera", sum: 7 }, Key { name: "seed", sum: 8 }];
+        let empty = Film::new(6, 5, &[Aov::Albedo, Aov::Instance]);
+        let seeds = [empty.to_bytes(&keys)];
+        let seen = Target { name: "render-state", shape: Shape::Packed(&PACKING), seeds: &seeds }.run(
+            |n| n == 2000,
+            |bytes| {
+                let mut film = empty.clone();
+                film.restore(bytes, &keys).map_err(|e| e.to_string())
+            },
+        );
+        seen.assert_deep("render-state", 0);
+    }
+}

@@ -1,9 +1,9 @@
 //! Valid files: every part that the readers know, small.
 
-use crate::mutate::glb as container;
-#[cfg(feature = "mitsuba")]
-use crate::mutate::{Shape, serialized};
 use photofit_image::{Image, encode_png};
+use photofit_mutants::glb as container;
+#[cfg(feature = "mitsuba")]
+use photofit_mutants::{Packing, Shape};
 use photofit_scene::{Compression, Scene, TextureEncoding};
 use serde_json::{Value, json};
 
@@ -317,6 +317,28 @@ pub(crate) fn mitsuba_scene(body: &str) -> Vec<u8> {
     format!("<scene version='3.0.0'>{sensor}{body}</scene>").into_bytes()
 }
 
+/// A `serialized` mesh: what its compressed stream holds, and its head.
+#[cfg(feature = "mitsuba")]
+static SERIALIZED: Packing = Packing {
+    unpack: |bytes| {
+        use std::io::Read;
+        let (head, packed) = bytes.split_at_checked(4)?;
+        let mut plain = Vec::new();
+        flate2::read::ZlibDecoder::new(packed).read_to_end(&mut plain).ok()?;
+        Some(vec![plain, head.to_vec()])
+    },
+    pack: pack_serialized,
+    shapes: &[Shape::Bytes],
+};
+
+#[cfg(feature = "mitsuba")]
+fn pack_serialized(parts: &[Vec<u8>]) -> Vec<u8> {
+    use std::io::Write;
+    let mut packer = flate2::write::ZlibEncoder::new(parts[1].clone(), flate2::Compression::fast());
+    packer.write_all(&parts[0]).expect("memory takes everything");
+    packer.finish().expect("memory takes everything")
+}
+
 /// Target, extension, how it is mutated, seeds, elements that name it.
 #[cfg(feature = "mitsuba")]
 type Named = (&'static str, &'static str, Shape, Vec<Vec<u8>>, &'static str);
@@ -353,7 +375,7 @@ pub(crate) fn named_by_mitsuba() -> Vec<Named> {
              <volume name='albedo' type='gridvolume'><string name='filename' value='mutant.vol'/></volume></medium></shape>"),
         ("vol-distances", "vol", Shape::Bytes, vec![grid([3, 2, 4], 1, -1.0)],
             "<shape type='sdfgrid'><string name='filename' value='mutant.vol'/></shape>"),
-        ("serialized", "serialized", Shape::Serialized, vec![serialized(b"\x1c\x04\x04\0", &triangle)],
+        ("serialized", "serialized", Shape::Packed(&SERIALIZED), vec![pack_serialized(&[triangle, b"\x1c\x04\x04\0".to_vec()])],
             "<shape type='serialized'><string name='filename' value='mutant.serialized'/></shape>"),
         ("pfm", "pfm", Shape::Bytes, vec![pfm], "<shape type='cube'><bsdf type='diffuse'><texture name='reflectance' type='bitmap'><string name='filename' value='mutant.pfm'/></texture></bsdf></shape>"),
         ("bmp", "bmp", Shape::Bytes, vec![bmp],

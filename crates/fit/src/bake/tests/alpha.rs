@@ -6,7 +6,7 @@ use crate::bake::{AlphaClass, BakeClass, BakeSettings, Target, bake};
 use crate::visibility::Visibility;
 use photofit_raster::channel;
 use photofit_scalar::vec3;
-use photofit_scene::{AlphaMode, Material};
+use photofit_scene::{AlphaMode, Extensions, Material, Transmission};
 
 #[test]
 fn masks_are_sampled_and_holes_give_no_colour() {
@@ -86,4 +86,29 @@ fn a_place_knows_its_cut() {
         assert!(!r.is_cut(&SurfacePoint { triangle: 0, u: 0.9, v: 0.05 }), "left");
         assert!(r.is_cut(&SurfacePoint { triangle: 0, u: 0.05, v: 0.9 }), "right");
     });
+}
+
+#[test]
+fn glass_takes_nothing_of_other_blended_surfaces_and_gives_them_nothing() {
+    // A plain blended sheet, and glass close behind it.
+    let mut world = World::default();
+    let blend = |material: Material| Material { alpha_mode: AlphaMode::Blend, ..material };
+    world.add(&sheet(1), Material { base_color: [0.8, 0.1, 0.1, 0.6], ..blend(Material::clay()) });
+    let transmission = Some(Transmission { factor: 1.0, texture: None });
+    let extensions = Some(Box::new(Extensions { transmission, ..Extensions::default() }));
+    let glass = Material { base_color: [0.1, 0.8, 0.1, 0.25], extensions, ..blend(Material::clay()) };
+    world.add(&moved(&sheet(1), 1.0, vec3(0.0, 0.0, -0.01)), glass);
+    let (seen, target) = (Visibility::everything(4), sheet(1));
+    for (see_through, expected) in [(false, [0.8, 0.1, 0.1, 0.6]), (true, [0.1, 0.8, 0.1, 0.25])] {
+        let classes = [BakeClass { see_through, ..AlphaClass::Blend.into() }; 2];
+        let onto = Target { classes: Some(&classes), ..Target::new(&target) };
+        let baked = world.with(|r| bake(r, &seen, &onto, &size(4), &go_on)).unwrap();
+        for t in &baked.maps.texels {
+            let found = [t[0], t[1], t[2], t[channel::ALPHA]];
+            assert!(
+                found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-3),
+                "{see_through}: {found:?}"
+            );
+        }
+    }
 }

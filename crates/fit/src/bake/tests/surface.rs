@@ -214,7 +214,7 @@ fn opposed_surfaces_and_right_ones_are_not_mixed() {
     target.uvs.extend(&right.uvs);
     target.triangles.extend(right.triangles.iter().map(|t| t.map(|v| v + base)));
     let directions = vec![vec3(0.0, 0.0, 1.0); target.positions.len()];
-    let of = |opposed| BakeClass { alpha: AlphaClass::Opaque, opposed };
+    let of = |opposed| BakeClass { opposed, ..AlphaClass::Opaque.into() };
     let classes = [of(false), of(false), of(true), of(true)];
     let onto = Target { mesh: &target, directions: Some(&directions), classes: Some(&classes) };
     let settings = BakeSettings { widen_roughness: true, ..size(41) };

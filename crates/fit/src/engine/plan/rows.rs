@@ -150,7 +150,7 @@ pub(crate) fn free_mips([least, most]: [usize; 2], steps: bool) -> Item {
         "each level has texels of its own, fitted to pictures of {least} to {most} pixels, coarse ones at {COARSE_RATE} times the \
          rate of maps"
     );
-    Item::of("free mip levels", steps, why, NO_STEPS)
+    Item::of(FREE_MIPS, steps, why, NO_STEPS)
 }
 
 /// Share of pixels below which no figure is told.
@@ -188,6 +188,14 @@ pub(crate) fn own_loss(loss: PictureLoss, steps: bool) -> Item {
 /// Why nothing is fitted where no steps are made: none are asked for, nothing asks for one, or the work ended before the first.
 pub(crate) const NO_STEPS: &str = "no steps are made";
 
+const FREE_MIPS: &str = "free mip levels";
+
+/// The row of mip levels where the asset's own textures are written.
+pub(crate) fn own_mips() -> Item {
+    let why = "the asset's own textures are written, whose levels follow from their bases".into();
+    Item { what: FREE_MIPS, runs: Runs::No, why }
+}
+
 /// Why only one layer is drawn.
 pub(crate) fn opaque() -> String {
     format!("every surface is opaque: one layer in place of {}, no blending", Passes::default().max_layers)
@@ -214,7 +222,7 @@ pub(crate) fn unseen(Unseen { dropped, unseen, all }: Unseen) -> Item {
     const ROW: &str = "unseen triangles";
     match (dropped, unseen) {
         (0, 0) => Item::note(ROW, format!("none of {all}")),
-        (0, _) => Item::note(ROW, format!("{unseen} of {all}: all of them are decimated with the others")),
+        (0, _) => Item::note(ROW, format!("{unseen} of {all}: none of them is left out for that")),
         _ => {
             let why = format!("{dropped} of {all}: left out of the decimation, of {unseen} that nobody sees");
             Item { what: ROW, runs: Runs::No, why }
@@ -287,13 +295,13 @@ pub(crate) fn surface(work: &Work) -> Vec<Item> {
     ];
     let of = |rates: &[f32; CHANNELS]| rates.iter().filter(|r| **r > 0.0).count();
     let fitted = if *steps && p.map_gradients { of(rates) } else { 0 };
-    let more = coarse.as_ref().map(of).filter(|n| *n > fitted);
-    let more = more.map_or_else(String::new, |n| format!(" and {n} in coarse mip levels"));
-    let others = others(fitted, held);
+    let in_coarse = coarse.as_ref().map(of).filter(|n| fitted > 0 && *n > fitted);
+    let more = in_coarse.map_or_else(String::new, |n| format!(" and {n} in coarse mip levels"));
+    let others = others(in_coarse.unwrap_or(fitted), held);
     items.push(Item::of(
         "map gradients",
         fitted > 0,
-        format!("{fitted} of {} samples of a texel that are drawn{more}{others}", channel::USED),
+        format!("{fitted} of {} samples of a texel{more}{others}", channel::USED),
         not(&format!("no sample of a texel is fitted{others}")),
     ));
     let gradients = [

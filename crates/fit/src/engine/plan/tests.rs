@@ -99,7 +99,7 @@ fn samples_that_vary_and_are_not_fitted_are_told() {
     };
     let some = |i: usize| (i % 2) as f32;
     let [constant, _] = told(&candidate(AlphaMode::Opaque, |_, _| {}));
-    assert!(constant.ends_with("are drawn; the others are constant"), "{constant}");
+    assert!(constant.ends_with("3 of 13 samples of a texel; the others are constant"), "{constant}");
     let [occluded, _] = told(&candidate(AlphaMode::Opaque, |i, t| t[channel::OCCLUSION] = some(i)));
     assert!(
         occluded.ends_with("the others are constant; occlusion is carried along, not drawn"),

@@ -152,7 +152,37 @@ impl Progress for Counting {
     }
 }
 
+/// A phase in which these groups move at a rate of .02 and .03.
+fn phase<'a>(name: &'static str, first: u64, steps: u64, groups: &[&'static str]) -> Phase<'a, Pixels> {
+    let rate = |name: &&'static str| ((*name).into(), if *name == "blue" { 0.03 } else { 0.02 });
+    let rates = groups.iter().map(rate).collect();
+    Phase { name, first, steps, shrink: 1, rates, fade: None, reinitialised: None }
+}
+
 fn fit(model: Pixels, keeping: &Keeping, progress: &dyn Progress) -> Result<Trained<Pixels>, FitError> {
+    // The second phase begins with blue made anew, and asks as long work does whether to stop.
+    let renew = |m: &Pixels| {
+        if progress.is_cancelled() {
+            return Err(FitError::Interrupted);
+        }
+        Ok(m.groups[1].iter().map(|b| 0.5 * b + 0.2).collect())
+    };
+    let all = ["red green", "blue"];
+    let mut phases = vec![
+        phase("first", 0, 37, &all),
+        phase("second", 37, 30, &all),
+        phase("third", 67, STEPS - 67, &all),
+    ];
+    phases[1].reinitialised = Some((vec!["blue".into()], &renew as Initialiser<'_, Pixels>));
+    fit_in(phases, model, keeping, progress)
+}
+
+fn fit_in(
+    phases: Vec<Phase<'_, Pixels>>,
+    model: Pixels,
+    keeping: &Keeping,
+    progress: &dyn Progress,
+) -> Result<Trained<Pixels>, FitError> {
     let views = Orbit::new(0, &Lighting::Point, SIDE);
     let held_out = HeldOut::new(&Greys, &views, Sampling::SUPERSAMPLED, HELD_OUT, 0).unwrap();
     let job = Job {
@@ -164,34 +194,11 @@ fn fit(model: Pixels, keeping: &Keeping, progress: &dyn Progress) -> Result<Trai
         seed: 0,
         batch: 2,
         fresh: 1,
-        steps: STEPS,
+        steps: phases.iter().map(|p| p.steps).sum(),
         keeping,
         fingerprint: Fingerprint::default().option("model", "greys"),
     };
-    // The second phase begins with blue made anew, and asks as long work does whether to stop.
-    let renew = |m: &Pixels| {
-        if progress.is_cancelled() {
-            return Err(FitError::Interrupted);
-        }
-        Ok(m.groups[1].iter().map(|b| 0.5 * b + 0.2).collect())
-    };
-    let phases = |_| {
-        let phase = |name, first, steps, reinitialised| Phase {
-            name,
-            first,
-            steps,
-            shrink: 1,
-            rates: vec![("red green".into(), 0.02), ("blue".into(), 0.03)],
-            fade: None,
-            reinitialised,
-        };
-        vec![
-            phase("first", 0, 37, None),
-            phase("second", 37, 30, Some((vec!["blue".into()], &renew as Initialiser<'_, Pixels>))),
-            phase("third", 67, STEPS - 67, None),
-        ]
-    };
-    train(Cpu::new(model)?, &job, phases, progress)
+    train(Cpu::new(model)?, &job, |_| phases, progress)
 }
 
 /// What a fit gives, without times.
@@ -282,4 +289,23 @@ fn a_fit_beats_its_start() {
     let t = fit(Pixels::new(), &Keeping::default(), &Silent).unwrap();
     let best = t.history.iter().map(|h| h.quality).fold(f64::NEG_INFINITY, f64::max);
     assert!(best > t.history[0].quality + 10.0, "{:?}", t.history);
+}
+
+#[test]
+fn a_phase_without_progress_ends_early_and_what_it_left_out_is_counted() {
+    let phases = || vec![phase("frozen", 0, 400, &[]), phase("moving", 400, 50, &["red green", "blue"])];
+    let t = fit_in(phases(), Pixels::new(), &Keeping::default(), &Silent).unwrap();
+    // The start is the best of the first phase, and six evaluations after it are none better.
+    let evaluated: Vec<u64> = t.history.iter().map(|h| h.step).collect();
+    assert_eq!(evaluated[..7], [0, 25, 50, 75, 100, 125, 150]);
+    assert!(evaluated[7..].iter().all(|s| *s >= 400), "{evaluated:?}");
+    assert_eq!((t.steps, t.reached(), t.stopped), (200, 450, false));
+    // Stopped in the second phase, and gone on with.
+    let dir = tempfile::tempdir().unwrap();
+    let progress = Counting { stop_at: Some(170), ..Counting::default() };
+    let stopped = fit_in(phases(), Pixels::new(), &keeping(dir.path(), false), &progress).unwrap();
+    assert_eq!((stopped.steps, stopped.reached(), stopped.stopped), (169, 419, true));
+    let resumed = fit_in(phases(), Pixels::new(), &keeping(dir.path(), true), &Silent).unwrap();
+    assert!(result(&resumed) == result(&t));
+    assert_eq!(resumed.reached(), 450);
 }

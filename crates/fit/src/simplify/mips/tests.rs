@@ -50,13 +50,16 @@ fn coarse_texels_of_several_kinds_of_surfaces_are_refused() {
     let hazy = MaterialClass { written: blend, ..glass.clone() };
     let leaf = class(blend, blend, false);
     let refused =
-        |classes: &[MaterialClass]| check_classes(&free(), classes).map_err(|e| e.to_string()).err();
-    assert_eq!(refused(&[lit.clone(), glass.clone()]), None);
-    assert_eq!(refused(std::slice::from_ref(&unlit)), None);
-    assert!(refused(&[lit.clone(), unlit.clone()]).is_some_and(|e| e.contains("all lit or all unlit")));
-    assert!(refused(&[glass.clone(), leaf.clone()]).is_some_and(|e| e.contains("without alpha")));
-    assert!(refused(std::slice::from_ref(&hazy)).is_some_and(|e| e.contains("without alpha")));
-    check_classes(&SimplifyOptions::default(), &[lit, unlit, glass, leaf]).unwrap();
+        |classes: &[&MaterialClass]| check_classes(&free(), classes).map_err(|e| e.to_string()).err();
+    assert_eq!(refused(&[&lit, &glass]), None);
+    assert!(refused(&[&lit, &unlit]).is_some_and(|e| e.contains("all lit or all unlit")));
+    assert!(refused(&[&glass, &leaf]).is_some_and(|e| e.contains("without alpha")));
+    assert!(refused(&[&hazy]).is_some_and(|e| e.contains("without alpha")));
+    check_classes(&SimplifyOptions::default(), &[&lit, &unlit, &glass, &leaf]).unwrap();
+    // An asset has the plain class though none of its triangles do.
+    let scene = of(shapes::cube(), Material { unlit: true, ..Material::clay() });
+    let n = Normalised::new(&scene).unwrap();
+    assert_eq!((n.light_asset.classes.len(), refused(&n.used_classes())), (2, None));
 }
 
 #[test]

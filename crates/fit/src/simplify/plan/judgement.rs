@@ -39,16 +39,18 @@ impl Judgement {
         u64::from(!matches!(self.judged, Judged::RasterizedAgainst(_)))
     }
 
-    /// Whether the path tracer draws, and why, with the samples of the report that it takes or that are saved. What is written is
-    /// chosen before, by pictures that are made alike and do not count.
+    /// Whether the path tracer draws, and why, with the samples of the report that it takes or that are saved; pictures by
+    /// which what is written is chosen do not count.
     pub fn item(&self) -> Item {
         let Self { why, pictures, side, spp, .. } = self;
         let million = (pictures * (side * side) as u64 * u64::from(*spp)) as f64 / 1e6;
+        let digits = if million < 10.0 { 1 } else { 0 };
         let cost = if self.is_traced() { ": the report takes" } else { "; the report saves" };
         let most = if self.at_most { " up to" } else { "" };
-        let beside = if self.is_traced() { ", and choices before it take more" } else { "" };
+        let beside =
+            if self.is_traced() { "; pictures that choices are made by are not among them" } else { "" };
         let why = format!(
-            "{why}{cost}{most} {pictures} pictures of {side} x {side} pixels, {spp} samples each, {million:.0} million samples\
+            "{why}{cost}{most} {pictures} pictures of {side} x {side} pixels, {spp} samples each, {million:.digits$} million samples\
              {beside}"
         );
         Item { what: "path traced judgement", runs: self.is_traced().into(), why }

@@ -191,9 +191,9 @@ fn check_figures(case: &Case, resolved: &SimplifyOptions, made: &Outcome) {
         Written::Fitted if made.steps == 0 => "what the fit was to start from".to_owned(),
         Written::Fitted => "what was fitted".to_owned(),
         Written::Rebaked => format!("the fitted shape, its {maps} baked anew"),
-        Written::Baked => format!("the start: the decimated asset with baked {maps}"),
+        Written::Baked => format!("the start: the decimated shape with baked {maps}"),
         Written::Wrapped => {
-            format!("the start: the decimated asset, drawn onto its surface, with baked {maps}")
+            format!("the start: the decimated shape, drawn onto the asset's surface, with baked {maps}")
         }
         Written::Sphere => format!("the start: a sphere, drawn onto the asset's surface, with baked {maps}"),
         Written::Decimated => "the decimated asset with its own materials".to_owned(),

@@ -137,3 +137,24 @@ fn of_welded_vertices_the_locked_one_gives_the_position() {
         assert!(all.iter().all(|p| *p == wanted || (*p - wanted).length() > 1e-6), "{locked}: they are one");
     }
 }
+
+#[test]
+fn what_is_not_locked_keeps_half_of_its_share() {
+    // Of a locked plane nothing may go; the ball beside it is a third of the triangles.
+    let mut mesh = grid(20, |_, _| 0.0);
+    mesh.uvs.clear();
+    let plane = (mesh.positions.len(), mesh.triangles.len());
+    append(&mut mesh, &sphere(6), vec3(0.2, 0.2, 0.2), vec3(0.5, 0.5, 1.0));
+    let all = mesh.triangles.len();
+    let locked: Vec<bool> = (0..mesh.positions.len()).map(|v| v < plane.0).collect();
+    for budget in [1, 300, plane.1, plane.1 + 2] {
+        let d = to(&mesh, budget, |o| o.locked.clone_from(&locked));
+        let rest = d.mesh.triangles.len() - plane.1;
+        let share = (all - plane.1) as f64 * budget as f64 / all as f64;
+        assert!((rest as f64 - (0.5 * share).ceil()).abs() <= 2.0, "{budget}: {rest} of a share of {share}");
+    }
+    // With enough room a budget is what it says.
+    let budget = plane.1 + (all - plane.1) * 3 / 4;
+    let made = to(&mesh, budget, |o| o.locked.clone_from(&locked)).mesh.triangles.len();
+    assert!(made <= budget && made > budget - 3, "{made} of {budget}");
+}

@@ -9,6 +9,7 @@ use crate::load::Limits;
 use crate::load::file::{Folder, clip};
 use crate::nodes::About;
 use gltf::json;
+use serde::de::IgnoredAny;
 use serde_json::Value;
 use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
@@ -78,12 +79,20 @@ struct Raw {
     #[serde(default)]
     nodes: Vec<RawNode>,
     #[serde(default)]
+    scenes: Vec<RawScene>,
+    #[serde(default)]
     textures: Vec<Value>,
     #[serde(default)]
     buffers: Vec<RawBuffer>,
     #[serde(default, rename = "bufferViews")]
     views: Vec<RawView>,
     extensions: Option<RootExtensions>,
+}
+
+/// A scene of the file; without nodes it is empty.
+#[derive(serde::Deserialize)]
+struct RawScene {
+    nodes: Option<IgnoredAny>,
 }
 
 #[derive(serde::Deserialize)]
@@ -150,13 +159,13 @@ impl<'a> Document<'a> {
         check_size(text, limits)?;
         let syntax = |e: serde_json::Error| fault("the JSON", e.to_string());
         let raw: Raw = serde_json::from_slice(text).map_err(syntax)?;
-        let Raw { materials, animations, meshes, nodes, textures, buffers, views, extensions } = raw;
+        let Raw { materials, animations, meshes, nodes, scenes, textures, buffers, views, extensions } = raw;
         // A number or text that only a full reader refuses may stand where nobody reads.
         let inventory = Inventory::of(text).unwrap_or_else(|e| {
             scene.warnings.push(format!("what the file holds beyond what is read cannot be told: {e}"));
             Inventory::default()
         });
-        let text = with_nodes(text, &animations, &mut scene.warnings).map_err(syntax)?;
+        let text = with_nodes(text, (&animations, &scenes), &mut scene.warnings).map_err(syntax)?;
         let root: json::Root = serde_json::from_slice(&text).map_err(syntax)?;
         if !root.asset.version.starts_with("2.") {
             return Err(fault(
@@ -363,19 +372,24 @@ fn instead(name: &str) -> &'static str {
     }
 }
 
-/// The text without channels of animations that name no node, as those of `KHR_animation_pointer`, for which the typed document
-/// has no place.
+/// The text as the typed document has a place for it: scenes name their nodes, of which they may have none, and there are no
+/// channels of animations that name no node, as those of `KHR_animation_pointer`.
 fn with_nodes<'a>(
     text: &'a [u8],
-    animations: &[RawAnimation],
+    (animations, scenes): (&[RawAnimation], &[RawScene]),
     warnings: &mut Vec<String>,
 ) -> Result<Cow<'a, [u8]>, serde_json::Error> {
     let named = |a: &RawAnimation| a.channels.iter().map(|c| c.target.node.is_some()).collect::<Vec<_>>();
     let named: Vec<Vec<bool>> = animations.iter().map(named).collect();
-    if named.iter().flatten().all(|named| *named) {
+    if named.iter().flatten().all(|named| *named) && scenes.iter().all(|s| s.nodes.is_some()) {
         return Ok(text.into());
     }
     let mut json: Value = serde_json::from_slice(text)?;
+    for scene in json.get_mut("scenes").and_then(Value::as_array_mut).into_iter().flatten() {
+        if let Some(scene) = scene.as_object_mut() {
+            scene.entry("nodes").or_insert_with(|| Value::Array(Vec::new()));
+        }
+    }
     for (a, named) in named.iter().enumerate() {
         let lost = named.iter().filter(|named| !**named).count();
         let channels = json.pointer_mut(&format!("/animations/{a}/channels")).and_then(Value::as_array_mut);

@@ -96,6 +96,19 @@ pub(super) fn triangle() -> Builder {
 }
 
 #[test]
+fn scenes_without_nodes_are_empty() {
+    for (scenes, default, placed) in [
+        (json!([{"nodes": [0]}, {"name": "second"}]), 0, 1),
+        (json!([{"nodes": [0]}, {"name": "second"}]), 1, 0),
+        (json!([{}]), 0, 0),
+    ] {
+        let mut b = triangle();
+        (b.json["scenes"], b.json["scene"]) = (scenes, json!(default));
+        assert_eq!(b.load().instances.len(), placed, "{}", b.json["scenes"]);
+    }
+}
+
+#[test]
 fn node_transforms_compose_and_mirror() {
     let mut b = triangle();
     b.json["nodes"] = json!([

@@ -1,35 +1,7 @@
 //! Mutations that keep most of a file's structure.
 
+use crate::Rng;
 use serde_json::Value;
-
-/// A small generator: what it draws follows from a name and a number.
-pub(crate) struct Rng(u64);
-
-impl Rng {
-    pub(crate) fn new(name: &str, number: u64) -> Self {
-        let seed =
-            name.bytes().fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x100_0000_01b3));
-        Self(seed ^ number.wrapping_mul(0x9e37_79b9_7f4a_7c15))
-    }
-
-    fn next(&mut self) -> u64 {
-        // SplitMix64.
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// Below `n`, which is not 0.
-    pub(crate) fn below(&mut self, n: usize) -> usize {
-        (self.next() % n as u64) as usize
-    }
-
-    fn pick<'a, T>(&mut self, from: &'a [T]) -> &'a T {
-        &from[self.below(from.len())]
-    }
-}
 
 /// Numbers at the edges of what formats allow.
 const NUMBERS: [&str; 22] = [
@@ -72,23 +44,38 @@ const STRINGS: [&str; 12] = [
 ];
 
 /// How a file is built.
-#[derive(Clone, Copy)]
-pub(crate) enum Shape {
+#[derive(Clone, Copy, Debug)]
+pub enum Shape {
+    /// JSON.
     Json,
+    /// A .glb file.
     Glb,
-    /// A .glb whose binary part matters most.
-    Packed,
-    /// A `serialized` mesh: what its compressed stream holds.
-    #[cfg(feature = "mitsuba")]
-    Serialized,
+    /// A .glb file whose binary part matters most.
+    GlbBinary,
+    /// What another format holds: compressed, with a checksum or with lengths.
+    Packed(&'static Packing),
+    /// Lines of words.
     Text,
-    #[cfg_attr(not(feature = "mitsuba"), expect(dead_code, reason = "scenes of Mitsuba alone are XML"))]
+    /// XML.
     Xml,
+    /// Words of four bytes.
     Bytes,
 }
 
+/// A file around another one.
+#[derive(Debug)]
+pub struct Packing {
+    /// Parts of a file; `None` where it is broken.
+    pub unpack: fn(&[u8]) -> Option<Vec<Vec<u8>>>,
+    /// The file of parts.
+    pub pack: fn(&[Vec<u8>]) -> Vec<u8>,
+    /// How each part is built; a part beyond the last is never mutated.
+    pub shapes: &'static [Shape],
+}
+
 impl Shape {
-    pub(crate) fn mutate(self, bytes: &[u8], rng: &mut Rng) -> Vec<u8> {
+    /// A mutant of a file, which may be a mutant itself.
+    pub fn mutate(self, bytes: &[u8], rng: &mut Rng) -> Vec<u8> {
         // Now and then what a broken disk does.
         if rng.below(12) == 0 {
             return mutate_bytes(bytes, rng);
@@ -96,14 +83,23 @@ impl Shape {
         match self {
             Self::Json => mutate_json_bytes(bytes, rng),
             Self::Glb => mutate_glb(bytes, 1, rng),
-            Self::Packed => mutate_glb(bytes, 3, rng),
-            #[cfg(feature = "mitsuba")]
-            Self::Serialized => mutate_serialized(bytes, rng),
+            Self::GlbBinary => mutate_glb(bytes, 3, rng),
+            Self::Packed(packing) => mutate_packed(bytes, packing, rng),
             Self::Text => mutate_text(bytes, rng),
             Self::Xml => mutate_xml(bytes, rng),
             Self::Bytes => mutate_bytes(bytes, rng),
         }
     }
+}
+
+/// Mutates one part, and packs all of them again.
+fn mutate_packed(bytes: &[u8], packing: &Packing, rng: &mut Rng) -> Vec<u8> {
+    let Some(mut parts) = (packing.unpack)(bytes) else { return mutate_bytes(bytes, rng) };
+    let k = rng.below(packing.shapes.len());
+    if let Some(part) = parts.get_mut(k) {
+        *part = packing.shapes[k].mutate(part, rng);
+    }
+    (packing.pack)(&parts)
 }
 
 fn mutate_json_bytes(bytes: &[u8], rng: &mut Rng) -> Vec<u8> {
@@ -190,8 +186,8 @@ fn mutate_glb(bytes: &[u8], share: usize, rng: &mut Rng) -> Vec<u8> {
     glb(&json, &binary)
 }
 
-/// The container of a .glb file.
-pub(crate) fn glb(json: &[u8], binary: &[u8]) -> Vec<u8> {
+/// The container of a .glb file of a JSON part and a binary part.
+pub fn glb(json: &[u8], binary: &[u8]) -> Vec<u8> {
     let padded = |bytes: &[u8], with: u8| {
         let mut out = bytes.to_vec();
         out.resize(out.len().next_multiple_of(4), with);
@@ -206,27 +202,6 @@ pub(crate) fn glb(json: &[u8], binary: &[u8]) -> Vec<u8> {
         out.extend(part);
     }
     out
-}
-
-/// Mutates what is compressed, and compresses it again.
-#[cfg(feature = "mitsuba")]
-fn mutate_serialized(bytes: &[u8], rng: &mut Rng) -> Vec<u8> {
-    use std::io::Read;
-    let mut plain = Vec::new();
-    let packed = bytes.get(4..).unwrap_or_default();
-    if flate2::read::ZlibDecoder::new(packed).read_to_end(&mut plain).is_err() {
-        return mutate_bytes(bytes, rng);
-    }
-    serialized(&bytes[..4], &mutate_bytes(&plain, rng))
-}
-
-/// The container of one `serialized` mesh.
-#[cfg(feature = "mitsuba")]
-pub(crate) fn serialized(head: &[u8], plain: &[u8]) -> Vec<u8> {
-    use std::io::Write;
-    let mut packer = flate2::write::ZlibEncoder::new(head.to_vec(), flate2::Compression::fast());
-    packer.write_all(plain).expect("memory takes everything");
-    packer.finish().expect("memory takes everything")
 }
 
 /// Lines and words.
