@@ -320,7 +320,8 @@ pub struct GradientBuffers {
     pub shaded: Buffer<[f32; 4]>,
     /// Fixed-point sums of one picture ([`photofit_gpu::FIXED`]), [`VERTEX_SUMS`] per vertex (see [`vertex_sum`]).
     pub sums: Buffer<u32>,
-    /// One word: not zero once a term or a sum of some picture was not finite or out of range.
+    /// One word: not zero once, in some picture, a term was not finite or terms were too many
+    /// ([`photofit_gpu::FIXED_LOST`]), or a term counted as its limit ([`photofit_gpu::FIXED_LIMITED`]).
     pub status: Buffer<u32>,
     /// Of the world positions, without their influence on normals and tangents; accumulated over pictures `[V]`.
     pub positions: Buffer<[f32; 3]>,

@@ -2,8 +2,8 @@
 //! and states are read when the trainer evaluates.
 //!
 //! It does what [`Surface`] does in main memory, operation by operation. Gradients are sums that do not depend on the order
-//! of their terms: the same fit gives the same bits on the same device. Pictures of the reference come from the CPU, each of
-//! them once where the device has room for all that are shown again; their noise is made on the device. Pictures of a step
+//! of their terms: the same fit gives the same bits on the same device. Pictures of the reference, drawn on the device or not,
+//! are uploaded, each of them once where the device has room for all that are shown again; their noise is made on the device. Pictures of a step
 //! share their buffers, one after the other; where there is no room for a whole one, it is drawn in bands of rows.
 
 mod bands;
@@ -29,7 +29,7 @@ pub use bands::BandCount;
 use bands::Bands;
 pub(crate) use bands::projection_of_rows;
 pub(crate) use drawn::DrawnThere;
-use photofit_gpu::{Buffer, FIXED_LOST, Gpu, GpuError, Kernel, KernelReport, Recording};
+use photofit_gpu::{Buffer, FIXED_LIMITED, FIXED_LOST, Gpu, GpuError, Kernel, KernelReport, Recording};
 use photofit_optim::OptimError;
 use photofit_optim::gpu::{DeviceOptimizer, LargeStepsSolver};
 use photofit_raster::CHANNELS;
@@ -82,6 +82,14 @@ pub struct GpuSurface<S = Surface> {
     course: Buffer<f32>,
     pending: usize,
     losses: Vec<f64>,
+    limited: Limited,
+}
+
+/// Gradients with terms that ended at the limit of their sums.
+#[derive(Debug, Default)]
+struct Limited {
+    seen: Vec<&'static str>,
+    told: usize,
 }
 
 impl From<GpuError> for ModelError {
@@ -172,6 +180,7 @@ impl<S: Posable> GpuSurface<S> {
             keep,
             pending: 0,
             losses: Vec::new(),
+            limited: Limited::default(),
         };
         model.in_bands(shots, itself, |_| Ok(())).map_err(NoRoom::pictures)?;
         Ok(model)
@@ -364,15 +373,30 @@ impl<S: Posable> Model for GpuSurface<S> {
                 return Err(ModelError::Optim { ago, source });
             }
         }
-        // Terms that end at their limit, next to slivers, count as that: a step in their direction is as good.
+        // Terms that end at their limit, next to slivers, count as that: a step in their direction is as good, and told.
         let sums = self.stage.as_ref().map(|s| ("positions", &s.gradients.status));
         for (what, status) in sums.into_iter().chain([("maps", &self.on.maps.status)]) {
-            if self.gpu.read(status)?.first().is_some_and(|s| *s & FIXED_LOST != 0) {
+            let bits = self.gpu.read(status)?.first().copied().unwrap_or_default();
+            if bits & FIXED_LIMITED != 0 && !self.limited.seen.contains(&what) {
+                self.limited.seen.push(what);
+            }
+            if bits & FIXED_LOST != 0 {
                 let rule = "is not finite or outside of the range of the device's sums; a fit on the CPU has no such range";
                 return Err(ModelError::Device(format!("a gradient of the {what} {rule}").into()));
             }
         }
         Ok(losses)
+    }
+
+    fn notes(&mut self) -> Vec<String> {
+        let new = &self.limited.seen[std::mem::replace(&mut self.limited.told, self.limited.seen.len())..];
+        let told = |what: &&str| {
+            format!(
+                "some terms of the gradient of the {what} are larger than the device's sums take and count as the largest \
+                 that they take, as next to slivers: a fit on the CPU has no such limit"
+            )
+        };
+        new.iter().map(told).collect()
     }
 
     fn pictures(&mut self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, ModelError> {
