@@ -5,6 +5,7 @@
 //! picture is drawn depends on its size and the limits of the device alone, and so do its bits.
 
 use crate::engine::gpu::{Skies, projection_of_rows};
+use crate::engine::reference::ENERGY;
 use crate::engine::views::ViewLights;
 use photofit_gpu::{Buffer, Gpu, GpuError, INDEX, Kernel, Recorder, Recording, Slot, Z_CURVE};
 use photofit_image::Image;
@@ -13,14 +14,21 @@ use photofit_raster::gpu::{
     FrameParams, LayerBuffers, MeshBuffers, PictureBuffers, Shading, Shot, Slots, Work, draw,
 };
 use photofit_raster::project::matrix_rows;
+use photofit_raster::rasterize::PixelGrid;
 use photofit_raster::rasterize::gpu::BARYCENTRICS;
 use photofit_raster::texture::gpu::STORED;
 use photofit_scalar::Vec2f;
 use photofit_scene::gpu::{SURFACE, SurfaceBuffers};
 use photofit_scene::{Camera, FlatScene, SurfaceLibrary};
+use photofit_shading::Energy;
 use photofit_shading::gpu::{LIGHTS_MAX, Lights, ShadingTables};
 use std::ops::Range;
 
+/// What the CPU does with light that single scattering loses, too.
+const COMPENSATED: &str = match ENERGY {
+    Energy::Single => "const COMPENSATED: bool = false;",
+    Energy::Compensated => "const COMPENSATED: bool = true;",
+};
 /// The samples of a layer.
 pub(crate) const SHADE: Kernel = Kernel {
     name: "fit.shade_fragments",
@@ -32,6 +40,7 @@ pub(crate) const SHADE: Kernel = Kernel {
         SURFACE,
         photofit_shading::gpu::WGSL,
         BARYCENTRICS,
+        COMPENSATED,
         include_str!("gpu/fragments.wgsl"),
     ],
     entry: "shade_fragments",
@@ -254,7 +263,8 @@ impl Uploaded {
     fn shading(&self, frame: &FrameParams, asked: &Asked<'_>, lights: Lights) -> Params {
         let (eye, Layout { stride, tangent, uvs, color }) = (asked.camera.eye, self.layout);
         let FrameParams { width, height, .. } = *frame;
-        let grid = [width, height].map(|n| (2.0 / f64::from(n)) as f32);
+        let grid = PixelGrid::<f32>::new(width as usize, height as usize);
+        let grid = [grid.sx, grid.sy];
         Params { lights, eye: eye.to_array(), stride, grid, width, height, tangent, uvs, color, pad: 0 }
     }
 }

@@ -43,18 +43,8 @@ fn on_device(
     fitted: [bool; CHANNELS],
 ) -> Lookups {
     let maps = MipBuffers::new(gpu, p, fitted).expect("fits");
-    let wrap = |w: Wrap| match w {
-        Wrap::Repeat => 0,
-        Wrap::MirroredRepeat => 1,
-        Wrap::ClampToEdge => 2,
-    };
-    let filtering = match s.filter {
-        Filter::Nearest => 0,
-        Filter::Bilinear => 1,
-        Filter::Trilinear => 2,
-    };
+    let [wrap_u, wrap_v, filtering] = crate::stored::gpu::sampler_codes(s);
     let n = places.len();
-    let (wrap_u, wrap_v) = (wrap(s.wrap_u), wrap(s.wrap_v));
     let params = Params {
         maps: maps.table(SUM_SCALE),
         count: n as u32,
