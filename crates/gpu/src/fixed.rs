@@ -18,7 +18,7 @@ macro_rules! fixed_adding {
     if high == 0u {
         return;
     }
-    // What was there before is not asked for: nobody waits for it.
+    // Its result is not used, so that a device need not wait for it.
     atomicAdd(&",
             $sums,
             "[at].high, high);

@@ -57,7 +57,10 @@ fn is_set(variable: &str) -> bool {
 
 /// Whether errors beyond their bounds are told alone.
 fn measures(measured: bool, required: bool) -> bool {
-    assert!(!(measured && required), "{MEASURED}=1 enforces no bounds, and {REQUIRED}=1 asks for tests that do");
+    assert!(
+        !(measured && required),
+        "{MEASURED}=1 enforces no bounds, and {REQUIRED}=1 asks for tests that do"
+    );
     measured
 }
 

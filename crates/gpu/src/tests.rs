@@ -130,7 +130,9 @@ fn fixed_sums_keep_their_extremes() {
         assert_eq!(sum(gpu, &[x, -x], 1, scale).0, [0.0], "{x}");
     }
     // What is 2^40 times as large as the largest number is limited, too.
-    for (x, limited) in [(16384.0, 0), (16385.0, FIXED_LIMITED), (-1e30, FIXED_LIMITED), (f32::MAX, FIXED_LIMITED)] {
+    for (x, limited) in
+        [(16384.0, 0), (16385.0, FIXED_LIMITED), (-1e30, FIXED_LIMITED), (f32::MAX, FIXED_LIMITED)]
+    {
         let (found, status) = sum(gpu, &[1.0, x], 1, scale);
         assert_eq!(status, limited, "{x}");
         assert!(found[0] == 1.0 + 16384_f32.copysign(x), "{x} ends at the limit: {}", found[0]);

@@ -188,6 +188,11 @@ impl DeviceScene {
         Ok(Image::from_data(width, height, 4, color.into_flattened()))
     }
 
+    /// Gives back the buffers of pictures; whether there were any.
+    pub(crate) fn give_back(&mut self) -> bool {
+        self.stage.take().is_some()
+    }
+
     /// Most bands that a picture was drawn in.
     pub(crate) fn bands(&self) -> usize {
         self.most

@@ -12,7 +12,7 @@ use crate::engine::views::{Moment, Setup, Sphere};
 use crate::scene_render::gpu::{Asked, DeviceScene};
 use photofit_gpu::{Gpu, GpuError};
 use photofit_image::Image;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// The reference.
 #[derive(Debug)]
@@ -21,7 +21,24 @@ pub(crate) struct DrawnThere<'a> {
     /// Whether nothing but a GPU will do.
     required: bool,
     on_cpu: Rasterized<'a>,
-    course: Mutex<Course>,
+    course: Arc<Mutex<Course>>,
+}
+
+/// What a reference holds on a device, given back where a fit has no room.
+#[derive(Clone, Debug)]
+pub struct Lent(Arc<Mutex<Course>>);
+
+impl Lent {
+    /// Gives back the buffers of pictures or, where there are none, the asset, which the next picture uploads again; whether there
+    /// was anything.
+    pub(super) fn give_back(&self) -> bool {
+        let mut course = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(scene) = &mut course.scene else { return false };
+        if !scene.give_back() {
+            course.scene = None;
+        }
+        true
+    }
 }
 
 /// What came of it so far.
@@ -29,8 +46,9 @@ pub(crate) struct DrawnThere<'a> {
 struct Course {
     /// From the first picture on.
     scene: Option<DeviceScene>,
-    /// Pictures that the device drew.
+    /// Pictures that the device drew, and the most bands of one.
     drawn: u64,
+    bands: usize,
     /// Pictures that it did not draw, and why not the first of them.
     refused: u64,
     why: Option<String>,
@@ -68,6 +86,7 @@ impl Course {
         match scene.draw(asked) {
             Ok(image) => {
                 self.drawn += 1;
+                self.bands = self.bands.max(scene.bands());
                 Ok(Some(image))
             }
             Err(e) if e.is_of_size() => {
@@ -88,7 +107,7 @@ impl Course {
 impl<'a> DrawnThere<'a> {
     /// A reference whose asset is uploaded with its first picture.
     pub(crate) fn new(gpu: &Gpu, on_cpu: Rasterized<'a>, required: bool) -> Self {
-        Self { gpu: gpu.clone(), required, on_cpu, course: Mutex::default() }
+        Self { gpu: gpu.clone(), required, on_cpu, course: Arc::default() }
     }
 
     /// Draws a picture on the device, unless that is left to the CPU.
@@ -143,8 +162,7 @@ impl Reference for DrawnThere<'_> {
 
     fn where_drawn(&self) -> Option<String> {
         let course = self.course.lock().unwrap_or_else(PoisonError::into_inner);
-        let bands = course.scene.as_ref().map_or(1, DeviceScene::bands);
-        let Course { drawn, refused, .. } = *course;
+        let Course { drawn, bands, refused, .. } = *course;
         Some(match (&course.left, &course.why) {
             (Some(why), _) | (None, Some(why)) if drawn == 0 => {
                 format!("pictures of the reference are drawn on the CPU: {why}")
@@ -155,12 +173,23 @@ impl Reference for DrawnThere<'_> {
                 )
             }
             (None, why) => {
-                let who = if course.posed { "poses of the reference are drawn on the CPU" } else { "pictures of the reference are drawn there" };
-                let bands = if bands > 1 { format!(", in up to {bands} bands of rows") } else { String::new() };
-                let others = why.as_ref().map(|why| format!(", but for {refused} of {} on the CPU: {why}", refused + drawn));
+                let who = if course.posed {
+                    "poses of the reference are drawn on the CPU"
+                } else {
+                    "pictures of the reference are drawn there"
+                };
+                let bands =
+                    if bands > 1 { format!(", in up to {bands} bands of rows") } else { String::new() };
+                let others = why
+                    .as_ref()
+                    .map(|why| format!(", but for {refused} of {} on the CPU: {why}", refused + drawn));
                 who.to_owned() + &bands + &others.unwrap_or_default()
             }
         })
+    }
+
+    fn lent(&self) -> Option<Lent> {
+        Some(Lent(self.course.clone()))
     }
 
     fn leave_device(&self, why: &str) {
@@ -213,7 +242,8 @@ mod tests {
         let there = "pictures of the reference are drawn there";
         // No room for one: nor is it tried for another one as large.
         let gpu = with_memory(12 << 20);
-        let (drawn, other) = (DrawnThere::new(&gpu, on_cpu, true), DrawnThere::new(test_device(), on_cpu, true));
+        let (drawn, other) =
+            (DrawnThere::new(&gpu, on_cpu, true), DrawnThere::new(test_device(), on_cpu, true));
         assert!(same(&drawn, &setup(40), &other));
         assert_eq!(drawn.where_drawn().unwrap(), there);
         let before = gpu.held();
@@ -256,5 +286,23 @@ mod tests {
         assert!(other.picture(&setup(20)).is_ok());
         drawn.leave_device("the fit did");
         assert!(drawn.picture(&setup(20)).is_ok());
+    }
+
+    #[test]
+    #[ignore = "gpu: needs an adapter"]
+    fn a_reference_gives_back_its_buffers_then_its_asset() {
+        let n = Normalised::new(&spheres()).unwrap();
+        let on_cpu = Rasterized::new(&n.flat, &n.library).sampled(2);
+        let gpu = with_memory(u64::MAX);
+        let drawn = DrawnThere::new(&gpu, on_cpu, true);
+        let lent = drawn.lent().unwrap();
+        assert!(!lent.give_back(), "nothing is there");
+        let first = drawn.picture(&setup(40)).unwrap().image;
+        let all = gpu.held();
+        assert!(lent.give_back());
+        let asset = gpu.held();
+        assert!(asset > 0 && asset < all);
+        assert!(lent.give_back() && gpu.held() == 0 && !lent.give_back());
+        assert!(drawn.picture(&setup(40)).unwrap().image == first, "uploaded again");
     }
 }

@@ -46,9 +46,9 @@ fn pick<T: Copy>(rng: &mut Uniform, of: &[T]) -> T {
 fn slot(rng: &mut Uniform, images: usize) -> Option<TextureSlot> {
     let wraps = [Wrap::Repeat, Wrap::MirroredRepeat, Wrap::ClampToEdge];
     let filters = [Filter::Nearest, Filter::Bilinear, Filter::Trilinear, Filter::Trilinear];
-    let sampler = Sampler { wrap_u: pick(rng, &wraps), wrap_v: pick(rng, &wraps), filter: pick(rng, &filters) };
-    let transform =
-        pick(rng, &[[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [[1.5, 0.3, 0.1], [-0.2, 1.2, 0.4]]]);
+    let sampler =
+        Sampler { wrap_u: pick(rng, &wraps), wrap_v: pick(rng, &wraps), filter: pick(rng, &filters) };
+    let transform = pick(rng, &[[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [[1.5, 0.3, 0.1], [-0.2, 1.2, 0.4]]]);
     let (image, tex_coord) = (rng.range(0.0, images as f64) as usize, pick(rng, &[0, 1]));
     (rng.range(0.0, 1.0) < 0.75).then_some(TextureSlot { image, sampler, tex_coord, transform })
 }
@@ -136,7 +136,8 @@ fn on_device(gpu: &Gpu, library: &SurfaceLibrary, material: usize, points: &[Poi
 fn on_cpu(library: &SurfaceLibrary, material: usize, points: &[Point]) -> Vec<Found> {
     let mut out = Vec::new();
     for some in points.chunks(8) {
-        let of = |k: usize| std::array::from_fn(|c| std::array::from_fn(|l| some.get(l).map_or(0.0, |p| p[k][c])));
+        let of =
+            |k: usize| std::array::from_fn(|c| std::array::from_fn(|l| some.get(l).map_or(0.0, |p| p[k][c])));
         let packet = SurfacePacket { uv: of(0), dx: of(1), dy: of(2), color: of(3) };
         let mut samples = [library.factors(material); 8];
         library.lookup_packet(material, &packet, some.len(), &mut samples);
@@ -154,7 +155,8 @@ fn found(s: &SurfaceSample) -> Found {
 /// Share of points that differ. Of those that are not seen only that.
 fn differing(found: &[Found], expected: &[Found]) -> f64 {
     assert_eq!(found.len(), expected.len());
-    let close = |(f, e): (&f32, &f32)| (f - e).abs() <= CLOSE * e.abs().max(1.0) || f.to_bits() == e.to_bits();
+    let close =
+        |(f, e): (&f32, &f32)| (f - e).abs() <= CLOSE * e.abs().max(1.0) || f.to_bits() == e.to_bits();
     let alike = |(f, e): &(&Found, &Found)| {
         let shown = if e[0][3] > 0.0 { 16 } else { 4 };
         f.as_flattened()[..shown].iter().zip(&e.as_flattened()[..shown]).all(close)
@@ -209,9 +211,13 @@ fn another_material_is_noticed() {
     let cases: [(&str, usize, &dyn Fn(&mut Material)); 4] = [
         ("normal scale", has(&|m| m.normal_texture.is_some() && !m.unlit), &|m| m.normal_scale += 0.01),
         ("base alpha", has(&|m| m.alpha_mode == AlphaMode::Blend), &|m| m.base_color[3] *= 0.99),
-        ("cutoff", has(&|m| matches!(m.alpha_mode, AlphaMode::Mask { .. }) && m.base_color_texture.is_some()), &|m| {
-            m.alpha_mode = AlphaMode::Mask { cutoff: 0.35 };
-        }),
+        (
+            "cutoff",
+            has(&|m| matches!(m.alpha_mode, AlphaMode::Mask { .. }) && m.base_color_texture.is_some()),
+            &|m| {
+                m.alpha_mode = AlphaMode::Mask { cutoff: 0.35 };
+            },
+        ),
         ("set of coordinates", has(&|m| m.base_color_texture.is_some()), &|m| {
             m.base_color_texture.iter_mut().for_each(|t| t.tex_coord = 1 - t.tex_coord);
         }),
