@@ -132,22 +132,42 @@ impl AdapterReport {
     }
 }
 
-/// Drivers that are asked for adapters. OpenGL is left out: it lacks what kernels need.
-fn instance() -> wgpu::Instance {
-    let backends = wgpu::Backends::PRIMARY;
-    // The numbers of workgroups that kernels count are within the limits by construction; checking them would cost a
-    // dispatch and three barriers before each.
-    let flags = wgpu::InstanceFlags::default() - wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL;
-    wgpu::Instance::new(wgpu::InstanceDescriptor {
-        backends,
-        flags,
-        ..wgpu::InstanceDescriptor::new_without_display_handle()
-    })
+/// Drivers that are asked for adapters, by the flags that they need. OpenGL is left out: it lacks what kernels need.
+const ASKED: [wgpu::Backends; 2] =
+    [wgpu::Backends::PRIMARY.difference(wgpu::Backends::DX12), wgpu::Backends::DX12];
+
+/// The flags of an instance for some backends. The numbers of workgroups that kernels count are within the limits by
+/// construction; checking them would cost a dispatch and three barriers before each. But without that check
+/// `num_workgroups` is 0 in indirect dispatches of DirectX 12, by which kernels number their groups and step.
+fn flags(backends: wgpu::Backends) -> wgpu::InstanceFlags {
+    let all = wgpu::InstanceFlags::default();
+    if backends.contains(wgpu::Backends::DX12) {
+        return all | wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL;
+    }
+    all - wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL
+}
+
+/// What a driver checks while kernels run. Loops of kernels count up to a bound and are not counted once more, but with
+/// DirectX 12: their steps are numbers of groups, which are right there by [`flags`] alone.
+pub(crate) fn checks(backend: wgpu::Backend) -> wgpu::ShaderRuntimeChecks {
+    wgpu::ShaderRuntimeChecks {
+        force_loop_bounding: backend == wgpu::Backend::Dx12,
+        ..wgpu::ShaderRuntimeChecks::default()
+    }
 }
 
 async fn enumerate() -> Vec<(AdapterReport, wgpu::Adapter)> {
-    let adapters = instance().enumerate_adapters(wgpu::Backends::all()).await;
-    let mut found: Vec<_> = adapters.into_iter().map(|a| (AdapterReport::new(&a), a)).collect();
+    let mut found = Vec::new();
+    let here = wgpu::Instance::enabled_backend_features();
+    for backends in ASKED.into_iter().filter(|b| b.intersects(here)) {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+            backends,
+            flags: flags(backends),
+            ..wgpu::InstanceDescriptor::new_without_display_handle()
+        });
+        let adapters = instance.enumerate_adapters(wgpu::Backends::all()).await;
+        found.extend(adapters.into_iter().map(|a| (AdapterReport::new(&a), a)));
+    }
     found.sort_by_key(|(report, _)| report.kind.rank());
     found
 }
@@ -182,4 +202,25 @@ pub(crate) async fn choose(choice: &Choice) -> Result<(AdapterReport, wgpu::Adap
         wanted: choice.phrase(),
         found: if names.is_empty() { "none".into() } else { names.join(", ") },
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use wgpu::{Backend, Backends, InstanceFlags};
+
+    #[test]
+    fn numbers_of_groups_are_right_in_indirect_dispatches_of_every_backend() {
+        let all = ASKED.into_iter().fold(Backends::empty(), |all, b| all | b);
+        assert_eq!(all, Backends::PRIMARY, "each primary backend is asked");
+        for backends in ASKED {
+            let validated = flags(backends).contains(InstanceFlags::VALIDATION_INDIRECT_CALL);
+            assert_eq!(validated, backends == Backends::DX12, "{backends:?}: that one alone");
+            assert!(backends == Backends::DX12 || !backends.contains(Backends::DX12), "{backends:?}");
+        }
+        assert!(checks(Backend::Dx12).force_loop_bounding);
+        for backend in [Backend::Vulkan, Backend::Metal, Backend::BrowserWebGpu] {
+            assert!(!checks(backend).force_loop_bounding && checks(backend).bounds_checks, "{backend:?}");
+        }
+    }
 }

@@ -1,7 +1,7 @@
 //! A device with its queue and its compiled kernels.
 
 use crate::GpuError;
-use crate::adapter::{AdapterReport, Choice, choose};
+use crate::adapter::{AdapterReport, Choice, checks, choose};
 use crate::kernel::{Kernel, Reflection};
 use crate::memory::{Caps, Memory};
 use crate::wait::{Answer, refused, refused_in_time};
@@ -22,6 +22,7 @@ struct Shared {
     queue: wgpu::Queue,
     report: AdapterReport,
     timestamps: bool,
+    checks: wgpu::ShaderRuntimeChecks,
     memory: Memory,
     /// Compiled kernels by name and entry point.
     compiled: Mutex<HashMap<(&'static str, &'static str), Compiled>>,
@@ -110,6 +111,7 @@ impl Gpu {
             queue,
             report,
             timestamps,
+            checks: checks(adapter.get_info().backend),
             memory: Memory::new(caps.memory),
             compiled: Mutex::default(),
             failure,
@@ -303,10 +305,10 @@ impl Gpu {
             label: Some(kernel.name),
             source: wgpu::ShaderSource::Wgsl(kernel.text().into()),
         };
-        let checks = wgpu::ShaderRuntimeChecks { force_loop_bounding: false, ..Default::default() };
         #[expect(unsafe_code, reason = "loops that count up to a bound are not counted once more")]
-        // SAFETY: all other checks stay; kernels are constants of this program, and each of their loops ends.
-        let module = unsafe { device.create_shader_module_trusted(descriptor, checks) };
+        // SAFETY: all other checks stay; kernels are constants of this program, and each of their loops ends, since the
+        // numbers of groups that they step by are not 0 (`crate::adapter`).
+        let module = unsafe { device.create_shader_module_trusted(descriptor, self.0.checks) };
         let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(kernel.name),
             layout: Some(&pipeline_layout),

@@ -5,19 +5,8 @@ use crate::adapter::STORAGE_BUFFERS;
 
 /// Numbers the invocations of a dispatch: put first into [`Kernel::source`].
 pub const INDEX: &str = include_str!("wgsl/index.wgsl");
-/// Sums that do not depend on the order of their terms (`add_fixed`).
-pub const FIXED: &str = include_str!("wgsl/fixed.wgsl");
-/// Bits of the status of such sums by which one is lost: a term was not finite, or a sum left its range.
-pub const FIXED_LOST: u32 = 3;
-/// Bit of the status of such sums: a term was larger than its limit, and counted as that.
-pub const FIXED_LIMITED: u32 = 4;
-/// What turns such sums into numbers (`read_fixed`).
-pub const FIXED_READ: &str = include_str!("wgsl/fixed_read.wgsl");
-
-/// Words of a buffer of `n` sums of [`FIXED`]: two each, and two more, the last of which is the status.
-pub const fn fixed_words(n: usize) -> usize {
-    2 * n + 2
-}
+/// Column and row of a lane in a square of 8 x 8, along a Z curve (`z_curve`).
+pub const Z_CURVE: &str = include_str!("wgsl/z_curve.wgsl");
 
 /// A compute kernel: a constant.
 #[derive(Clone, Copy, Debug)]

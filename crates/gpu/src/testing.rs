@@ -9,7 +9,8 @@ use std::sync::OnceLock;
 
 /// How the reason begins by which tests on a device are ignored.
 const MARK: &str = "ignored, gpu:";
-/// Nothing fails for an error beyond its bound, so that all worst errors of a device are told.
+/// Nothing fails for an error beyond its bound, so that all worst errors of a device are told: not where [`REQUIRED`] asks for
+/// tests that can fail.
 const MEASURED: &str = "PHOTOFIT_MEASURE_TWINS";
 /// An adapter must be there.
 const REQUIRED: &str = "PHOTOFIT_REQUIRE_GPU";
@@ -42,12 +43,30 @@ const TWIN: &str = "twin ";
 ///
 /// # Panics
 /// If the error is larger, or not a number; larger ones are told alone where `PHOTOFIT_MEASURE_TWINS` is `1`, to find the
-/// bounds of a new device.
+/// bounds of a new device. That together with `PHOTOFIT_REQUIRE_GPU` panics always.
 #[expect(clippy::print_stdout, reason = "the test runner reads these lines")]
 pub fn assert_twin(bound: &str, what: impl Display, error: f64, most: f64) {
     println!("{TWIN}{bound} {error:e} {most:e}");
-    let measured = std::env::var(MEASURED).is_ok_and(|v| v == "1") && error.is_finite();
-    assert!(measured || error <= most, "{what}: differs by {error:.2e}, more than {bound}, {most:.1e}");
+    let told = measures(is_set(MEASURED), is_set(REQUIRED)) && error.is_finite();
+    assert!(told || error <= most, "{what}: differs by {error:.2e}, more than {bound}, {most:.1e}");
+}
+
+fn is_set(variable: &str) -> bool {
+    std::env::var(variable).is_ok_and(|v| v == "1")
+}
+
+/// Whether errors beyond their bounds are told alone.
+fn measures(measured: bool, required: bool) -> bool {
+    assert!(
+        !(measured && required),
+        "{MEASURED}=1 enforces no bounds, and {REQUIRED}=1 asks for tests that do"
+    );
+    measured
+}
+
+/// What the line of [`run_device_tests`] says of bounds.
+fn enforced(measured: bool) -> String {
+    if measured { format!(", bounds not enforced ({MEASURED}=1)") } else { String::new() }
 }
 
 /// The worst error of each bound of the lines of [`assert_twin`], and the bound itself.
@@ -66,12 +85,14 @@ fn worst_errors(text: &str) -> String {
 /// Runs the tests of this binary that are ignored for want of a device, in a process of their own, and tells how many ran;
 /// with the worst error of each bound of [`assert_twin`];
 /// without an adapter they stay ignored, and it tells how many. Every crate with such tests calls it from a test. With
-/// `PHOTOFIT_REQUIRE_GPU` set to `1` there must be an adapter.
+/// `PHOTOFIT_REQUIRE_GPU` set to `1` there must be an adapter. With `PHOTOFIT_MEASURE_TWINS` the line says that bounds are not
+/// enforced.
 ///
 /// # Panics
-/// If a test fails, there is none, or an adapter is required and missing.
+/// If a test fails, there is none, an adapter is required and missing, or both variables are set.
 pub fn run_device_tests() {
-    let required = std::env::var(REQUIRED).is_ok_and(|v| v == "1");
+    let required = is_set(REQUIRED);
+    let measured = measures(is_set(MEASURED), required);
     let names = device_tests();
     assert!(!names.is_empty(), "no test of this binary is #[ignore = \"gpu: ...\"]");
     let crate_name = binary_name();
@@ -86,7 +107,8 @@ pub fn run_device_tests() {
             assert!(run.status.success(), "tests on {adapter} failed:\n{text}");
             let all = format!("ok. {} passed", names.len());
             assert!(text.contains(&all), "not all of {} tests ran:\n{text}", names.len());
-            format!("{crate_name}: {} tests ran on {adapter}{}", names.len(), worst_errors(&text))
+            let (ran, bounds) = (names.len(), enforced(measured));
+            format!("{crate_name}: {ran} tests ran on {adapter}{bounds}{}", worst_errors(&text))
         }
         Err(e) if required => panic!("{REQUIRED}=1, but {} tests cannot run: {e}", names.len()),
         Err(e @ GpuError::NoAdapter { .. }) => {
@@ -166,6 +188,16 @@ mod tests {
         assert_eq!(worst_errors(text), "\n  A: 1.5e-6 of 2.0e-6\n  B: 0.0e0 of 1.0e0");
         assert!(std::panic::catch_unwind(|| assert_twin("A", "a case", 2.1, 2.0)).is_err());
         assert!(std::panic::catch_unwind(|| assert_twin("A", "a case", f64::NAN, 2.0)).is_err());
+    }
+
+    #[test]
+    fn bounds_that_are_not_enforced_are_told_and_none_of_required_tests() {
+        assert!(measures(true, false) && !measures(false, true) && !measures(false, false));
+        assert!(std::panic::catch_unwind(|| measures(true, true)).is_err());
+        assert_eq!(enforced(false), "");
+        assert_eq!(enforced(true), ", bounds not enforced (PHOTOFIT_MEASURE_TWINS=1)");
+        let both = run(this_binary(&["--exact", RUNNER]).envs([(MEASURED, "1"), (REQUIRED, "1")]));
+        assert!(!both.status.success() && text(&both).contains("enforces no bounds"), "{}", text(&both));
     }
 
     #[test]

@@ -13,7 +13,7 @@ struct Params {
 @group(0) @binding(0) var<uniform> params: Params;
 @group(0) @binding(1) var<storage, read_write> sums: array<vec2<u32>>;
 @group(0) @binding(2) var<storage, read_write> gradient: array<f32>;
-// Not 0 once a sum or a term of one did not fit.
+// What the sums told of their terms, by the bits of `fixed.wgsl`.
 @group(0) @binding(3) var<storage, read_write> status: array<u32>;
 
 // One invocation for a channel of a texel, so that neighbours read and write neighbours.
@@ -24,8 +24,8 @@ fn collect_texels(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = index(group, groups, lane, 256u);
+    let last = arrayLength(&sums) - 1u;
     if i == 0u {
-        let last = arrayLength(&sums) - 1u;
         status[0] |= sums[last].y;
         sums[last].y = 0u;
     }
@@ -41,6 +41,10 @@ fn collect_texels(
         // Most texels are not seen by a batch.
         if any(sum != vec2<u32>(0u)) {
             sums[at] = vec2<u32>(0u);
+        }
+        // The count of this sum and those behind it.
+        if (at & 15u) == 0u {
+            sums[last - 1u - (at >> 4u)] = vec2<u32>(0u);
         }
     }
     gradient[i] = g;

@@ -13,8 +13,8 @@ use photofit_gpu::{Buffer, FIXED_READ, Gpu, GpuError, INDEX, Kernel, Recorder, S
 pub const CHANNELS: usize = 16;
 /// Levels that a [`MipTable`] has room for: sizes up to 32,768.
 const LEVELS: usize = 16;
-/// Units of sums over few samples, `1 / 2^-44`: gradients of 1e-9 keep four digits, terms up to 1024 and sums up to 524,288
-/// fit.
+/// Units of sums over few samples, `1 / 2^-44`: gradients of 1e-9 keep four digits, and terms up to 1024 fit, as do sums of
+/// large terms up to 262,144, of each sign and of 16 sums beside each other (`fixed.wgsl`).
 pub const SUM_SCALE: f32 = (1_u64 << 44) as f32;
 /// Logarithm of the number of samples that count as few, and the most by which units shrink.
 const FEW_SAMPLES: u32 = 16;
@@ -22,7 +22,7 @@ const FINEST: u32 = 16;
 
 /// Scale of the sums of the gradient of a mean over so many samples: a power of two that grows with them, as the terms
 /// shrink. Terms keep their digits and their range for pictures of any size and number; sums of all terms in one texel,
-/// which do not shrink, have room for 524,288 over the factor by which the scale grew (8 at the most samples).
+/// which do not shrink, have room for 262,144 over the factor by which the scale grew (4 at the most samples).
 ///
 /// ```
 /// use photofit_texture::gpu::{SUM_SCALE, sum_scale};
@@ -103,7 +103,8 @@ pub struct MipBuffers {
     pub gradient: Buffer<[f32; 4]>,
     /// Fixed-point sums of the channels with gradients ([`photofit_gpu::FIXED`]).
     pub sums: Buffer<u32>,
-    /// One word: not 0 once a sum or a term of one did not fit into its range.
+    /// One word: not 0 once a term of a sum was not finite or terms were too many ([`photofit_gpu::FIXED_LOST`]), or a term
+    /// counted as its limit ([`photofit_gpu::FIXED_LIMITED`]).
     pub status: Buffer<u32>,
 }
 
@@ -255,7 +256,8 @@ impl MipBuffers {
         Ok(())
     }
 
-    /// Records that the sums become the gradient, which is zero in channels without sums, and are emptied. What did not fit is told by [`Self::status`]. The slot takes other [`Self::collected`].
+    /// Records that the sums become the gradient, which is zero in channels without sums, and are emptied. What did not fit is
+    /// told by [`Self::status`]. The slot takes other [`Self::collected`].
     ///
     /// # Errors
     /// If the kernel does not fit the device.

@@ -10,17 +10,12 @@ struct Lookup {
 
 // Plans the lookup at `uv` with the level of detail `lod`.
 fn lookup(uv: vec2<f32>, lod: f32, how: MapSampler) -> Lookup {
-    var level = 0u;
-    var share = 0.0;
-    if lod > 0.0 && how.filtering == FILTER_TRILINEAR {
-        level = min(u32(lod), params.maps.count - 1u);
-        share = lod - f32(level);
+    let chosen = choose_level(lod, params.maps.count, how.filtering);
+    let fine = taps(uv, mip_level(chosen.level), how);
+    if chosen.share > 0.0 {
+        return Lookup(chosen.level, fine, taps(uv, mip_level(chosen.level + 1u), how), chosen.share);
     }
-    let fine = taps(uv, mip_level(level), how);
-    if share > 0.0 && level + 1u < params.maps.count {
-        return Lookup(level, fine, taps(uv, mip_level(level + 1u), how), share);
-    }
-    return Lookup(level, fine, fine, 0.0);
+    return Lookup(chosen.level, fine, fine, 0.0);
 }
 
 fn sample_maps(at: Lookup) -> Texel {

@@ -53,6 +53,16 @@ pub enum AlphaMode {
 }
 
 impl AlphaMode {
+    /// The mode as kernels have it: 0 opaque, 1 mask, 2 blend.
+    #[cfg(feature = "gpu")]
+    pub fn code(self) -> u32 {
+        match self {
+            Self::Opaque => 0,
+            Self::Mask { .. } => 1,
+            Self::Blend => 2,
+        }
+    }
+
     /// The part of what lies behind that an alpha hides: 1 for opaque surfaces, 0 or 1 for masks, else alpha within
     /// `[0, 1]`; 0 where it is not a number.
     #[inline(always)]

@@ -20,6 +20,21 @@ const FILTER_NEAREST: u32 = 0u;
 const FILTER_BILINEAR: u32 = 1u;
 const FILTER_TRILINEAR: u32 = 2u;
 
+// The level that a lookup reads, and the share in (0, 1] of the next coarser one; 0: the level alone.
+struct LevelChoice {
+    level: u32,
+    share: f32,
+}
+
+// Among `count` levels, at the level of detail `lod`.
+fn choose_level(lod: f32, count: u32, filtering: u32) -> LevelChoice {
+    if lod > 0.0 && filtering == FILTER_TRILINEAR {
+        let level = min(u32(lod), count - 1u);
+        return LevelChoice(level, select(0.0, lod - f32(level), level + 1u < count));
+    }
+    return LevelChoice(0u, 0.0);
+}
+
 struct MapSampler {
     wrap_u: u32,
     wrap_v: u32,

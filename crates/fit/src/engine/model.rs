@@ -99,6 +99,11 @@ pub trait Model: Sized {
     /// [`ModelError`], of one of these steps.
     fn losses(&mut self) -> Result<Vec<f64>, ModelError>;
 
+    /// What the user should know of the steps whose losses were told, each thing once.
+    fn notes(&mut self) -> Vec<String> {
+        Vec::new()
+    }
+
     /// The pictures of shots: linear RGBA over their backgrounds, the mean over the samples of each pixel.
     ///
     /// # Errors

@@ -120,6 +120,12 @@ pub trait Reference: Sync {
         None
     }
 
+    /// What it holds on a device and may give back for a while.
+    #[cfg(feature = "gpu")]
+    fn lent(&self) -> Option<super::gpu::Lent> {
+        None
+    }
+
     /// Has the CPU draw all pictures from now on, for a reason.
     fn leave_device(&self, why: &str) {
         let _ = why;

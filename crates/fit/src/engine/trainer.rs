@@ -441,6 +441,7 @@ impl<M: Model> Trainer<'_, M> {
     /// Quality of the held-out views; keeps the best state.
     fn evaluate(&mut self, progress: &dyn Progress) -> Result<f64, FitError> {
         self.take_losses()?;
+        self.model.notes().iter().for_each(|note| progress.note(note));
         let pictures = self.model.pictures(self.job.held_out.shots());
         let held_out = self.job.held_out;
         let quality = held_out.quality(&self.at_step(pictures)?);

@@ -1,35 +1,46 @@
 //! Pictures of whole scenes on a device: the twin of [`super::SceneRenderer`].
 //!
 //! Geometry, materials and textures are uploaded once. The buffers of a picture are shared by its layers and its bands of rows,
-//! and kept for the next picture of about the same size: a picture is one submission and one readback.
+//! and kept for the next picture of about the same size: a picture is one submission and one readback. In how many bands a
+//! picture is drawn depends on its size and the limits of the device alone, and so do its bits.
 
 use crate::engine::gpu::{Skies, projection_of_rows};
+use crate::engine::reference::ENERGY;
 use crate::engine::views::ViewLights;
-use photofit_gpu::{Buffer, Gpu, GpuError, INDEX, Kernel, Recorder, Recording, Slot};
+use photofit_gpu::{Buffer, Gpu, GpuError, INDEX, Kernel, Recorder, Recording, Slot, Z_CURVE};
 use photofit_image::Image;
 use photofit_raster::deferred::{MOST_LAYERS, Passes};
 use photofit_raster::gpu::{
     FrameParams, LayerBuffers, MeshBuffers, PictureBuffers, Shading, Shot, Slots, Work, draw,
 };
 use photofit_raster::project::matrix_rows;
+use photofit_raster::rasterize::PixelGrid;
 use photofit_raster::rasterize::gpu::BARYCENTRICS;
 use photofit_raster::texture::gpu::STORED;
 use photofit_scalar::Vec2f;
 use photofit_scene::gpu::{SURFACE, SurfaceBuffers};
 use photofit_scene::{Camera, FlatScene, SurfaceLibrary};
+use photofit_shading::Energy;
 use photofit_shading::gpu::{LIGHTS_MAX, Lights, ShadingTables};
 use std::ops::Range;
 
+/// What the CPU does with light that single scattering loses, too.
+const COMPENSATED: &str = match ENERGY {
+    Energy::Single => "const COMPENSATED: bool = false;",
+    Energy::Compensated => "const COMPENSATED: bool = true;",
+};
 /// The samples of a layer.
 pub(crate) const SHADE: Kernel = Kernel {
     name: "fit.shade_fragments",
     source: &[
         INDEX,
+        Z_CURVE,
         photofit_scalar::WGSL,
         STORED,
         SURFACE,
         photofit_shading::gpu::WGSL,
         BARYCENTRICS,
+        COMPENSATED,
         include_str!("gpu/fragments.wgsl"),
     ],
     entry: "shade_fragments",
@@ -85,6 +96,8 @@ pub(crate) struct DeviceScene {
     scene: Uploaded,
     skies: Skies,
     stage: Option<Stage>,
+    /// Most bands of a picture so far.
+    most: usize,
 }
 
 /// What stays from picture to picture.
@@ -117,11 +130,11 @@ impl DeviceScene {
     /// # Errors
     /// If the device cannot hold it.
     pub(crate) fn new(gpu: &Gpu, flat: &FlatScene, library: &SurfaceLibrary) -> Result<Self, GpuError> {
-        Ok(Self { scene: Uploaded::new(gpu, flat, library)?, skies: Skies::new(gpu)?, stage: None })
+        Ok(Self { scene: Uploaded::new(gpu, flat, library)?, skies: Skies::new(gpu)?, stage: None, most: 1 })
     }
 
-    /// Why kernels cannot draw a picture, whatever the device has room for.
-    pub(crate) fn refused(asked: &Asked<'_>) -> Option<String> {
+    /// Why a device cannot draw a picture, whatever it has room for: by the picture and the limits alone.
+    pub(crate) fn refused(gpu: &Gpu, asked: &Asked<'_>) -> Option<String> {
         let [w, h] = asked.size;
         let axis = w.max(h) * asked.samples;
         if axis > AXIS_MAX {
@@ -130,23 +143,43 @@ impl DeviceScene {
         let lights = asked.lights.lights();
         let ambient = |l: &&photofit_shading::Light<'_>| matches!(l, photofit_shading::Light::Ambient { .. });
         let count = lights.len() - lights.iter().filter(ambient).count();
-        (count > LIGHTS_MAX)
-            .then(|| format!("{count} lights that are not ambient are more than {LIGHTS_MAX}"))
+        if count > LIGHTS_MAX {
+            return Some(format!("{count} lights that are not ambient are more than {LIGHTS_MAX}"));
+        }
+        // The finished pixels lie in one buffer, and no band is less than a row.
+        let binding = gpu.report().largest_binding;
+        let [pixels, row] = [w * h, w * asked.samples.pow(2)].map(|n| (n * size_of::<[f32; 4]>()) as u64);
+        let (what, bytes) = if row > pixels { ("the samples of a row", row) } else { ("its pixels", pixels) };
+        (bytes > binding).then(|| {
+            format!("a picture of {w} x {h} pixels is more than a kernel binds: {what} take {bytes} of {binding} bytes")
+        })
     }
 
-    /// Linear, premultiplied RGBA: what [`super::SceneRenderer::render`] draws.
+    /// Bytes that a picture takes besides the asset.
+    pub(crate) fn bytes(&self, asked: &Asked<'_>) -> usize {
+        let [w, h] = asked.size;
+        let band = w * h.div_ceil(self.scene.bands(asked)) * asked.samples.pow(2);
+        band * PictureBuffers::bytes_of_sample(self.scene.layers) + w * h * size_of::<[f32; 4]>()
+    }
+
+    /// Linear, premultiplied RGBA of a picture that is not [`Self::refused`]: what [`super::SceneRenderer::render`] draws.
     ///
     /// # Errors
-    /// If the device has no room, refuses a command or is lost.
+    /// If the device has no room, refuses a command or is lost; what the picture took is given back then.
     pub(crate) fn draw(&mut self, asked: &Asked<'_>) -> Result<Image, GpuError> {
-        let Self { scene, skies, stage } = self;
-        if skies.add(&scene.gpu, [asked.lights])? || !stage.as_ref().is_some_and(|s| s.serves(asked)) {
+        let Self { scene, skies, stage, most } = self;
+        let bands = scene.bands(asked);
+        if !stage.as_ref().is_some_and(|s| s.serves(asked, bands)) {
+            *stage = None;
+        }
+        if skies.add(&scene.gpu, [asked.lights]).inspect_err(|_| *stage = None)? {
             *stage = None;
         }
         let stage = match stage {
             Some(stage) => stage,
-            None => stage.insert(scene.stage(skies, asked)?),
+            None => stage.insert(Stage::new(scene, skies, asked, bands)?),
         };
+        *most = bands.max(*most);
         let [width, height] = asked.size;
         stage.aim(scene, skies, asked);
         stage.recording.run()?;
@@ -155,9 +188,14 @@ impl DeviceScene {
         Ok(Image::from_data(width, height, 4, color.into_flattened()))
     }
 
-    /// Bands that pictures are drawn in by now.
+    /// Gives back the buffers of pictures; whether there were any.
+    pub(crate) fn give_back(&mut self) -> bool {
+        self.stage.take().is_some()
+    }
+
+    /// Most bands that a picture was drawn in.
     pub(crate) fn bands(&self) -> usize {
-        self.stage.as_ref().map_or(1, |s| s.bands.len())
+        self.most
     }
 }
 
@@ -197,20 +235,14 @@ impl Uploaded {
         })
     }
 
-    /// Makes room for pictures like one, in as few bands as there is room for.
-    fn stage(&self, skies: &Skies, asked: &Asked<'_>) -> Result<Stage, GpuError> {
+    /// In how many bands a picture is drawn: as few as its samples may be bound and take bytes in.
+    fn bands(&self, asked: &Asked<'_>) -> usize {
         let [width, height] = asked.size;
-        let of_row = width * asked.samples.pow(2);
         let binding = usize::try_from(self.gpu.report().largest_binding).unwrap_or(usize::MAX);
         let samples =
             (binding / size_of::<[f32; 4]>()).min(BYTES_MAX / PictureBuffers::bytes_of_sample(self.layers));
-        let mut bands = height.div_ceil((samples / of_row).clamp(1, height));
-        loop {
-            match Stage::new(self, skies, asked, bands) {
-                Err(e) if e.is_of_size() && bands < height => bands = (2 * bands).min(height),
-                made => return made,
-            }
-        }
+        let rows = samples / (width * asked.samples.pow(2));
+        height.div_ceil(rows.clamp(1, height))
     }
 
     /// Parameters of the kernels of some rows of a picture, but for those of shading.
@@ -236,7 +268,8 @@ impl Uploaded {
     fn shading(&self, frame: &FrameParams, asked: &Asked<'_>, lights: Lights) -> Params {
         let (eye, Layout { stride, tangent, uvs, color }) = (asked.camera.eye, self.layout);
         let FrameParams { width, height, .. } = *frame;
-        let grid = [width, height].map(|n| (2.0 / f64::from(n)) as f32);
+        let grid = PixelGrid::<f32>::new(width as usize, height as usize);
+        let grid = [grid.sx, grid.sy];
         Params { lights, eye: eye.to_array(), stride, grid, width, height, tangent, uvs, color, pad: 0 }
     }
 }
@@ -288,13 +321,13 @@ impl Stage {
         Ok(Self { size: asked.size, samples, recording: r.finish()?, picture, bands: recorded })
     }
 
-    /// Whether it has room for a picture, and not much more.
-    fn serves(&self, asked: &Asked<'_>) -> bool {
+    /// Whether it has room for a picture, and not much more, and draws it in so many bands.
+    fn serves(&self, asked: &Asked<'_>, bands: usize) -> bool {
         let ([w, h], [width, height]) = (asked.size, self.size);
         self.samples == asked.samples
             && w <= width
             && h <= height
-            && h >= self.bands.len()
+            && bands == self.bands.len()
             && 2 * w * h > width * height
     }
 

@@ -8,7 +8,9 @@ use super::{Masks, Passes, View};
 use crate::gpu::{GradientBuffers, LayerBuffers, MeshBuffers, PictureBuffers, Shading, ShadingVjp, Work};
 use crate::rasterize::PixelGrid;
 use crate::rasterize::gpu::BARYCENTRICS;
-use photofit_gpu::{Bind, Buffer, FIXED, Gpu, GpuError, INDEX, Kernel, Recorder, Recording, Slot};
+use photofit_gpu::{
+    Bind, Buffer, FIXED, Gpu, GpuError, INDEX, Kernel, Recorder, Recording, Slot, Z_CURVE, fixed_adding,
+};
 use photofit_shading::gpu::{Lights, ShadingTables};
 use photofit_shading::{Energy, Environment};
 use photofit_texture::gpu::{LOOKUP, MipBuffers, MipTable, SCATTER};
@@ -24,8 +26,10 @@ macro_rules! layer_kernel {
             name: $name,
             source: &[
                 INDEX,
+                Z_CURVE,
                 photofit_scalar::WGSL,
                 FIXED,
+                fixed_adding!("add_vertex", "vertex_sums"),
                 LOOKUP,
                 SCATTER,
                 photofit_shading::gpu::WGSL,

@@ -159,27 +159,6 @@ fn shade_layer(
     }
 }
 
-// `add_fixed` for the sums of vertices.
-fn add_vertex(at: u32, x: f32) {
-    let end = arrayLength(&vertex_sums) - 1u;
-    if !fixed_fits(x) {
-        atomicOr(&vertex_sums[end].high, 1u);
-        return;
-    }
-    let words = fixed_words(x, params.scale);
-    let before = atomicAdd(&vertex_sums[at].low, words.x);
-    let high = words.y + select(0u, 1u, before > 0xffffffffu - words.x);
-    if high == 0u {
-        return;
-    }
-    if !fixed_is_large(x, params.scale) {
-        atomicAdd(&vertex_sums[at].high, high);
-    } else {
-        let before_high = atomicAdd(&vertex_sums[at].high, high);
-        atomicOr(&vertex_sums[end].high, fixed_verdict(x, params.scale, before_high, high));
-    }
-}
-
 fn add_corner(t: u32, term: u32, x: f32) {
     if t == NONE || is_zero(x) {
         return;
@@ -188,7 +167,7 @@ fn add_corner(t: u32, term: u32, x: f32) {
     let corner = term / CORNER_TERMS;
     let kind = term % CORNER_TERMS;
     // Clip z has no gradient.
-    add_vertex(VERTEX_SUMS * ids[corner] + select(kind + 1u, kind, kind < 2u), x);
+    add_vertex(VERTEX_SUMS * ids[corner] + select(kind + 1u, kind, kind < 2u), x, params.scale);
 }
 
 // Adds one term of all lanes: neighbouring lanes of one triangle first among each other, in order.

@@ -28,21 +28,13 @@ impl TriangleSurface {
     /// The surface of a triangle.
     pub fn new(alpha: AlphaMode, sides: Sides) -> Self {
         let cutoff = if let AlphaMode::Mask { cutoff } = alpha { cutoff } else { 0.0 };
-        Self { flags: mode(alpha) | if sides == Sides::Both { Self::BOTH_SIDES } else { 0 }, cutoff }
+        Self { flags: alpha.code() | if sides == Sides::Both { Self::BOTH_SIDES } else { 0 }, cutoff }
     }
 }
 
-fn mode(alpha: AlphaMode) -> u32 {
-    match alpha {
-        AlphaMode::Opaque => 0,
-        AlphaMode::Mask { .. } => 1,
-        AlphaMode::Blend => 2,
-    }
-}
-
-/// Some alpha of a mode.
-fn of_mode(alpha: &[AlphaMode], wanted: u32) -> Option<AlphaMode> {
-    alpha.iter().copied().find(|a| mode(*a) == wanted)
+/// Some alpha of the mode of another one.
+fn of_mode(alpha: &[AlphaMode], wanted: AlphaMode) -> Option<AlphaMode> {
+    alpha.iter().copied().find(|a| a.code() == wanted.code())
 }
 
 /// A mesh: what [`crate::deferred::Geometry`] is on the CPU.
@@ -112,7 +104,10 @@ impl MeshBuffers {
             opposite: gpu.upload("opposite", topology.opposite)?,
             neighbour: gpu.upload("neighbour", topology.neighbour)?,
             surfaces: gpu.upload("surfaces", &surfaces)?,
-            modes: [2, 1].into_iter().filter_map(|mode| of_mode(alpha, mode)).collect(),
+            modes: [AlphaMode::Blend, AlphaMode::Mask { cutoff: 0.0 }]
+                .into_iter()
+                .filter_map(|mode| of_mode(alpha, mode))
+                .collect(),
         })
     }
 
@@ -320,7 +315,8 @@ pub struct GradientBuffers {
     pub shaded: Buffer<[f32; 4]>,
     /// Fixed-point sums of one picture ([`photofit_gpu::FIXED`]), [`VERTEX_SUMS`] per vertex (see [`vertex_sum`]).
     pub sums: Buffer<u32>,
-    /// One word: not zero once a term or a sum of some picture was not finite or out of range.
+    /// One word: not zero once, in some picture, a term was not finite or terms were too many
+    /// ([`photofit_gpu::FIXED_LOST`]), or a term counted as its limit ([`photofit_gpu::FIXED_LIMITED`]).
     pub status: Buffer<u32>,
     /// Of the world positions, without their influence on normals and tangents; accumulated over pictures `[V]`.
     pub positions: Buffer<[f32; 3]>,

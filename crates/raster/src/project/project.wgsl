@@ -29,7 +29,7 @@ fn project_vjp(g: vec4<f32>) -> vec3<f32> {
 @group(0) @binding(2) var<storage, read_write> g_positions: array<f32>;
 @group(0) @binding(3) var<storage, read_write> g_normals: array<f32>;
 @group(0) @binding(4) var<storage, read_write> g_tangents: array<f32>;
-// What the sums of all pictures told of terms and sums out of range.
+// What the sums of all pictures told of their terms, by the bits of `fixed.wgsl`.
 @group(0) @binding(5) var<storage, read_write> status: array<u32>;
 
 fn sum(v: u32, c: u32) -> f32 {
@@ -47,7 +47,7 @@ fn gather(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) grou
         return;
     }
     if v == 0u {
-        status[0] |= sums[26u * params.vertices + 1u];
+        status[0] |= sums[arrayLength(&sums) - 1u];
     }
     let g_clip = vec4<f32>(sum(v, 0u), sum(v, 1u), sum(v, 2u), sum(v, 3u));
     let g_position = project_vjp(g_clip);

@@ -106,7 +106,8 @@ fn misses(t: Triangle, corner: vec2<u32>, front_only: bool) -> bool {
     return (above && below) || (front_only && below);
 }
 
-// Some workgroups per large triangle: each takes every so-many-th tile, an invocation four samples of it.
+// Some workgroups per large triangle: each takes every tile of its slice, as many apart as there are slices, and an
+// invocation four samples of a tile.
 @compute @workgroup_size(64)
 fn large(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
          @builtin(local_invocation_index) lane: u32) {

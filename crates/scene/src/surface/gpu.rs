@@ -18,6 +18,7 @@ const NO_TEXTURE: u32 = u32::MAX;
 /// Bits of a material's flags above those of its alpha mode, and of an address above those of its sampler.
 const UNLIT: u32 = 4;
 const SECOND_SET: u32 = 64;
+const AS_IT_IS: u32 = 128;
 
 /// The materials of a library on a device.
 #[derive(Clone, Debug)]
@@ -71,18 +72,14 @@ fn slots(m: &Compiled) -> [Option<Slot>; 4] {
 /// A material whose addresses begin at place `first`.
 fn material(m: &Compiled, first: usize, place: impl Fn(Slot) -> u32) -> [[u32; 4]; MATERIAL] {
     let bits = |x: [f32; 4]| x.map(f32::to_bits);
-    let (mode, cutoff) = match m.alpha_mode {
-        AlphaMode::Opaque => (0, 0.0),
-        AlphaMode::Mask { cutoff } => (1, cutoff),
-        AlphaMode::Blend => (2, 0.0),
-    };
+    let cutoff = if let AlphaMode::Mask { cutoff } = m.alpha_mode { cutoff } else { 0.0 };
     let c = &m.constant;
     let [r, g, b] = c.emissive.to_array().map(f32::to_bits);
     let address = |s: Slot| (first + ADDRESS * s.address) as u32;
     [
         bits([c.base_color.x, c.base_color.y, c.base_color.z, m.base_alpha]),
         bits([c.roughness, c.metallic, m.normal_scale, cutoff]),
-        [r, g, b, mode | if c.unlit { UNLIT } else { 0 }],
+        [r, g, b, m.alpha_mode.code() | if c.unlit { UNLIT } else { 0 }],
         slots(m).map(|s| s.map_or(NO_TEXTURE, &place)),
         slots(m).map(|s| s.map_or(NO_TEXTURE, address)),
     ]
@@ -90,6 +87,10 @@ fn material(m: &Compiled, first: usize, place: impl Fn(Slot) -> u32) -> [[u32; 4
 
 fn address(a: &super::Address) -> [[u32; 4]; ADDRESS] {
     let [u, v] = a.transform.unwrap_or([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).map(|row| row.map(f32::to_bits));
-    let how = sampler_bits(&a.sampler) | if a.set == 1 { SECOND_SET } else { 0 };
+    let bit = |set: bool, bit: u32| if set { bit } else { 0 };
+    let how = sampler_bits(&a.sampler) | bit(a.set == 1, SECOND_SET) | bit(a.transform.is_none(), AS_IT_IS);
     [[how, a.layout.count() as u32, u[0], u[1]], [u[2], v[0], v[1], v[2]]]
 }
+
+#[cfg(test)]
+mod tests;

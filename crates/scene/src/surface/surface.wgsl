@@ -6,14 +6,15 @@
 //     emission, and flags: what alpha means (0 opaque, 1 mask, 2 blend), then a bit for unlit materials
 //     for base colour, roughness and metalness, normal and emission: the texture, or NO_TEXTURE
 //     for the same: the place of the address that the texture is read at
-// An address has two vectors: how it is read (the bits of the sampler, above them the set of texture coordinates), the
-// number of levels, and a transform of two rows of three numbers.
+// An address has two vectors: how it is read (the bits of the sampler, above them the set of texture coordinates and
+// whether they are taken as they are), the number of levels, and a transform of two rows of three numbers.
 
 const NO_TEXTURE: u32 = 0xffffffffu;
 const SURFACE_MASK: u32 = 1u;
 const SURFACE_BLEND: u32 = 2u;
 const SURFACE_UNLIT: u32 = 4u;
 const SECOND_SET: u32 = 64u;
+const AS_IT_IS: u32 = 128u;
 
 // A point of a surface: texture coordinates of the sets 0 and 1, their derivatives along X and Y, and the colour of the
 // vertices.
@@ -45,21 +46,27 @@ fn surface_lookup(texture: u32, address: u32, p: SurfacePoint) -> StoredLookup {
     let b = bitcast<vec4<f32>>(materials[address + 1u]);
     let first = bitcast<vec2<f32>>(a.zw);
     let second = (a.x & SECOND_SET) != 0u;
-    let uv = select(p.uv.xy, p.uv.zw, second);
-    let dx = select(p.dx.xy, p.dx.zw, second);
-    let dy = select(p.dy.xy, p.dy.zw, second);
-    // Rows of the transform: (first, b.x), (b.y, b.z, b.w).
-    let u = vec3<f32>(first, b.x);
-    let v = b.yzw;
+    var uv = select(p.uv.xy, p.uv.zw, second);
+    var dx = select(p.dx.xy, p.dx.zw, second);
+    var dy = select(p.dy.xy, p.dy.zw, second);
+    // The identity would make coordinates that are not finite of those beside them.
+    if (a.x & AS_IT_IS) == 0u {
+        // Rows of the transform: (first, b.x), (b.y, b.z, b.w).
+        let u = vec3<f32>(first, b.x);
+        let v = b.yzw;
+        uv = vec2<f32>(dot(u.xy, uv) + u.z, dot(v.xy, uv) + v.z);
+        dx = vec2<f32>(dot(u.xy, dx), dot(v.xy, dx));
+        dy = vec2<f32>(dot(u.xy, dy), dot(v.xy, dy));
+    }
     let how = stored_sampler(a.x);
     var lod = 0.0;
     if how.filtering == FILTER_TRILINEAR && a.y > 1u {
-        let du = vec2<f32>(dot(u.xy, dx), dot(u.xy, dy));
-        let dv = vec2<f32>(dot(v.xy, dx), dot(v.xy, dy));
+        let du = vec2<f32>(dx.x, dy.x);
+        let dv = vec2<f32>(dx.y, dy.y);
         let base = stored_level(texture, 0u);
         lod = level_of_detail(du, dv, base.width, base.height, 0.0, a.y - 1u);
     }
-    return stored_lookup(texture, a.y, vec2<f32>(dot(u.xy, uv) + u.z, dot(v.xy, uv) + v.z), lod, how);
+    return stored_lookup(texture, a.y, uv, lod, how);
 }
 
 fn surface_read(reader: ptr<function, SurfaceReader>, texture: u32, address: u32, p: SurfacePoint) -> vec4<f32> {

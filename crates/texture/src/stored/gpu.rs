@@ -10,8 +10,8 @@ use photofit_scalar::srgb_table;
 pub const STORED: &str =
     concat!(include_str!("../level.wgsl"), include_str!("../taps.wgsl"), include_str!("stored.wgsl"));
 
-/// A sampler as `stored_sampler` takes it.
-pub fn sampler_bits(sampler: &Sampler) -> u32 {
+/// Continuation along u and v and filter, as `taps.wgsl` numbers them.
+pub(crate) fn sampler_codes(sampler: &Sampler) -> [u32; 3] {
     let wrap = |w: Wrap| match w {
         Wrap::Repeat => 0,
         Wrap::MirroredRepeat => 1,
@@ -22,7 +22,13 @@ pub fn sampler_bits(sampler: &Sampler) -> u32 {
         Filter::Bilinear => 1,
         Filter::Trilinear => 2,
     };
-    wrap(sampler.wrap_u) | wrap(sampler.wrap_v) << 2 | filter << 4
+    [wrap(sampler.wrap_u), wrap(sampler.wrap_v), filter]
+}
+
+/// A sampler as `stored_sampler` takes it.
+pub fn sampler_bits(sampler: &Sampler) -> u32 {
+    let [u, v, filter] = sampler_codes(sampler);
+    u | v << 2 | filter << 4
 }
 
 /// Textures of a device.

@@ -27,15 +27,10 @@ fn stored_level(texture: u32, k: u32) -> Level {
 // Plans the lookup at `uv` with the level of detail `lod` in the first `levels` levels of a texture, and of all that have
 // levels of the same sizes.
 fn stored_lookup(texture: u32, levels: u32, uv: vec2<f32>, lod: f32, how: MapSampler) -> StoredLookup {
-    var level = 0u;
-    var share = 0.0;
-    if lod > 0.0 && how.filtering == FILTER_TRILINEAR {
-        level = min(u32(lod), levels - 1u);
-        share = lod - f32(level);
-    }
-    let fine = taps(uv, stored_level(texture, level), how);
-    if share > 0.0 && level + 1u < levels {
-        return StoredLookup(fine, taps(uv, stored_level(texture, level + 1u), how), share);
+    let chosen = choose_level(lod, levels, how.filtering);
+    let fine = taps(uv, stored_level(texture, chosen.level), how);
+    if chosen.share > 0.0 {
+        return StoredLookup(fine, taps(uv, stored_level(texture, chosen.level + 1u), how), chosen.share);
     }
     return StoredLookup(fine, fine, 0.0);
 }

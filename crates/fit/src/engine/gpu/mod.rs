@@ -2,8 +2,8 @@
 //! and states are read when the trainer evaluates.
 //!
 //! It does what [`Surface`] does in main memory, operation by operation. Gradients are sums that do not depend on the order
-//! of their terms: the same fit gives the same bits on the same device. Pictures of the reference come from the CPU, each of
-//! them once where the device has room for all that are shown again; their noise is made on the device. Pictures of a step
+//! of their terms: the same fit gives the same bits on the same device. Pictures of the reference, drawn on the device or not,
+//! are uploaded, each of them once where the device has room for all that are shown again; their noise is made on the device. Pictures of a step
 //! share their buffers, one after the other; where there is no room for a whole one, it is drawn in bands of rows.
 
 mod bands;
@@ -29,7 +29,8 @@ pub use bands::BandCount;
 use bands::Bands;
 pub(crate) use bands::projection_of_rows;
 pub(crate) use drawn::DrawnThere;
-use photofit_gpu::{Buffer, FIXED_LOST, Gpu, GpuError, Kernel, KernelReport, Recording};
+pub use drawn::Lent;
+use photofit_gpu::{Buffer, FIXED_LIMITED, FIXED_LOST, Gpu, GpuError, Kernel, KernelReport, Recording};
 use photofit_optim::OptimError;
 use photofit_optim::gpu::{DeviceOptimizer, LargeStepsSolver};
 use photofit_raster::CHANNELS;
@@ -82,6 +83,16 @@ pub struct GpuSurface<S = Surface> {
     course: Buffer<f32>,
     pending: usize,
     losses: Vec<f64>,
+    limited: Limited,
+    /// What the reference holds there.
+    lent: Option<Lent>,
+}
+
+/// Gradients with terms that ended at the limit of their sums.
+#[derive(Debug, Default)]
+struct Limited {
+    seen: Vec<&'static str>,
+    told: usize,
 }
 
 impl From<GpuError> for ModelError {
@@ -96,6 +107,42 @@ fn model_error(e: OptimError) -> ModelError {
         OptimError::Device(e) => e.into(),
         source => ModelError::Optim { ago: 0, source },
     }
+}
+
+/// Why no device fits a surface.
+fn refused(surface: &Surface, posed: bool) -> Option<OptimError> {
+    let refuse =
+        |group: &'static str, what, with| Some(OptimError::Combination { group: group.into(), what, with });
+    if surface.candidate.maps.rule == MipRule::Free {
+        return refuse(MAPS, "mip levels with texels of their own", "a device, which builds them anew");
+    }
+    if posed && surface.moves {
+        let what = "the shape of an asset that is seen in poses";
+        return refuse(POSITIONS, what, "a device, where poses have no gradient");
+    }
+    if !surface.optimizer.runs_on_device() {
+        return refuse(POSITIONS, surface.optimizer.name(), "a device, where it does not run");
+    }
+    None
+}
+
+/// Parameters, topology and optimizers on a device.
+fn uploaded(
+    gpu: &Gpu,
+    surface: &Surface,
+    groups: &[Group],
+) -> Result<(Resident, Vec<DeviceOptimizer>), NoRoom> {
+    let on = Resident::new(gpu, &surface.candidate, surface.rates.map(|r| r > 0.0))?;
+    let optimizer = |group: &Group| {
+        let (rings, positions) = (&surface.candidate.rings, group.name == POSITIONS);
+        let diffuses = positions && surface.optimizer == PositionOptimizer::LargeSteps;
+        let solver = || LargeStepsSolver::new(gpu, &rings.offsets, &rings.items, surface.smoothness);
+        let solver = diffuses.then(solver).transpose().map_err(NoRoom::mesh)?;
+        let moments = if positions { surface.optimizer.temporal() } else { temporal(&group.name) };
+        let made = DeviceOptimizer::new(gpu, &group.name, (group.rows, group.columns), moments, solver);
+        made.map_err(|e| if positions { NoRoom::mesh(e) } else { NoRoom::maps(e) })
+    };
+    Ok((on, groups.iter().map(optimizer).collect::<Result<_, _>>()?))
 }
 
 /// What a device says.
@@ -114,35 +161,22 @@ impl<S: Posable> GpuSurface<S> {
     /// # Errors
     /// If the device cannot hold it, or does not run its optimizer.
     pub fn new(gpu: &Gpu, asset: S, shots: &[Shot]) -> Result<Self, NoRoom> {
+        Self::beside(gpu, asset, shots, None)
+    }
+
+    /// [`Self::new`] beside a reference, which gives back what it holds there before pictures are drawn in bands or there is
+    /// no room.
+    pub(crate) fn beside(gpu: &Gpu, asset: S, shots: &[Shot], lent: Option<Lent>) -> Result<Self, NoRoom> {
         let (groups, surface) = (asset.groups(), asset.surface());
-        if surface.candidate.maps.rule == MipRule::Free {
-            let (group, what) = (MAPS.into(), "mip levels with texels of their own");
-            let source = OptimError::Combination { group, what, with: "a device, which builds them anew" };
+        if let Some(source) = refused(surface, S::POSED) {
             return Err(NoRoom { source, option: None });
         }
-        if S::POSED && surface.moves {
-            let (group, what) = (POSITIONS.into(), "the shape of an asset that is seen in poses");
-            let source =
-                OptimError::Combination { group, what, with: "a device, where poses have no gradient" };
-            return Err(NoRoom { source, option: None });
-        }
-        let fitted = surface.rates.map(|r| r > 0.0);
-        let on = Resident::new(gpu, &surface.candidate, fitted)?;
-        if !surface.optimizer.runs_on_device() {
-            let (group, what) = (POSITIONS.into(), surface.optimizer.name());
-            let source = OptimError::Combination { group, what, with: "a device, where it does not run" };
-            return Err(NoRoom { source, option: None });
-        }
-        let optimizer = |group: &Group| {
-            let (rings, positions) = (&surface.candidate.rings, group.name == POSITIONS);
-            let diffuses = positions && surface.optimizer == PositionOptimizer::LargeSteps;
-            let solver = || LargeStepsSolver::new(gpu, &rings.offsets, &rings.items, surface.smoothness);
-            let solver = diffuses.then(solver).transpose().map_err(NoRoom::mesh)?;
-            let moments = if positions { surface.optimizer.temporal() } else { temporal(&group.name) };
-            let made = DeviceOptimizer::new(gpu, &group.name, (group.rows, group.columns), moments, solver);
-            made.map_err(|e| if positions { NoRoom::mesh(e) } else { NoRoom::maps(e) })
+        let (on, optimizers) = loop {
+            match uploaded(gpu, surface, &groups) {
+                Err(e) if e.is_out_of_memory() && lent.as_ref().is_some_and(Lent::give_back) => {}
+                made => break made?,
+            }
         };
-        let optimizers = groups.iter().map(optimizer).collect::<Result<_, _>>()?;
         let mut r = gpu.record("rebuild");
         on.maps.record_rebuild(&mut r)?;
         let rebuild = r.finish()?;
@@ -172,6 +206,8 @@ impl<S: Posable> GpuSurface<S> {
             keep,
             pending: 0,
             losses: Vec::new(),
+            limited: Limited::default(),
+            lent,
         };
         model.in_bands(shots, itself, |_| Ok(())).map_err(NoRoom::pictures)?;
         Ok(model)
@@ -236,7 +272,7 @@ impl<S: Posable> GpuSurface<S> {
     }
 
     /// Does `work` once there is room for shots. Where there is none, once more without the pictures of the reference beyond
-    /// those of a step, then with pictures in more and more bands, as long as something is missing for want of room.
+    /// those of a step, then without what the reference draws with, then with pictures in more and more bands, as long as something is missing for want of room.
     fn in_bands<T, E: From<GpuError>>(
         &mut self,
         shots: &[Shot],
@@ -247,7 +283,8 @@ impl<S: Posable> GpuSurface<S> {
             match self.prepare(shots).map_err(E::from).and_then(|()| work(self)) {
                 Err(e) if device(&e).is_some_and(GpuError::is_of_size) => {
                     let full = matches!(device(&e), Some(GpuError::OutOfMemory { .. }));
-                    if full && self.references.give_back(shots.len()) {
+                    let lent = || self.lent.as_ref().is_some_and(Lent::give_back);
+                    if full && (self.references.give_back(shots.len()) || lent()) {
                         continue;
                     }
                     (self.stage, self.step, self.forward) = (None, None, None);
@@ -364,15 +401,30 @@ impl<S: Posable> Model for GpuSurface<S> {
                 return Err(ModelError::Optim { ago, source });
             }
         }
-        // Terms that end at their limit, next to slivers, count as that: a step in their direction is as good.
+        // Terms that end at their limit, next to slivers, count as that: a step in their direction is as good, and told.
         let sums = self.stage.as_ref().map(|s| ("positions", &s.gradients.status));
         for (what, status) in sums.into_iter().chain([("maps", &self.on.maps.status)]) {
-            if self.gpu.read(status)?.first().is_some_and(|s| *s & FIXED_LOST != 0) {
+            let bits = self.gpu.read(status)?.first().copied().unwrap_or_default();
+            if bits & FIXED_LIMITED != 0 && !self.limited.seen.contains(&what) {
+                self.limited.seen.push(what);
+            }
+            if bits & FIXED_LOST != 0 {
                 let rule = "is not finite or outside of the range of the device's sums; a fit on the CPU has no such range";
                 return Err(ModelError::Device(format!("a gradient of the {what} {rule}").into()));
             }
         }
         Ok(losses)
+    }
+
+    fn notes(&mut self) -> Vec<String> {
+        let new = &self.limited.seen[std::mem::replace(&mut self.limited.told, self.limited.seen.len())..];
+        let told = |what: &&str| {
+            format!(
+                "some terms of the gradient of the {what} are larger than the device's sums take and count as the largest \
+                 that they take, as next to slivers: a fit on the CPU has no such limit"
+            )
+        };
+        new.iter().map(told).collect()
     }
 
     fn pictures(&mut self, shots: &[Shot]) -> Result<Vec<Vec<[f32; 4]>>, ModelError> {

@@ -29,6 +29,11 @@ impl NoRoom {
         Self { source: e.into(), option: Some("texture_size".into()) }
     }
 
+    /// Whether memory is used up.
+    pub(super) fn is_out_of_memory(&self) -> bool {
+        matches!(&self.source, OptimError::Device(GpuError::OutOfMemory { .. }))
+    }
+
     /// What has an entry per vertex or triangle.
     pub(super) fn mesh(e: impl Into<OptimError>) -> Self {
         Self { source: e.into(), option: Some("triangles".into()) }

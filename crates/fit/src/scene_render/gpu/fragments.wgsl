@@ -73,7 +73,7 @@ fn fragment(t: u32, f: vec2<f32>) -> vec4<f32> {
     let geometric = cross(positions[1].xyz - positions[0].xyz, positions[2].xyz - positions[0].xyz);
     let wo = view_direction(params.eye, position);
     let n = face_viewer(normal, geometric, wo);
-    let rgb = shade(Surface(s.base_color, s.roughness, s.metallic, 0.0), false, position, n, wo);
+    let rgb = shade(Surface(s.base_color, s.roughness, s.metallic, 0.0), COMPENSATED, position, n, wo);
     return vec4<f32>(rgb + s.emissive, s.alpha);
 }
 

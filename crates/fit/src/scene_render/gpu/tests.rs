@@ -2,11 +2,11 @@
 
 use super::tolerances::{CLOSE, SCENE_MEAN, SCENE_PIXELS, THROUGH_GLASS};
 use super::*;
-use crate::engine::views::{ViewLight, studio};
-use crate::scene_render::SceneRenderer;
+use crate::engine::gpu::DrawnThere;
+use crate::engine::reference::{Rasterized, Reference};
+use crate::engine::views::{Moment, Setup, ViewLight, studio};
 use crate::scene_render::tests::{camera, lamp_behind_glass, spheres};
 use photofit_gpu::{Caps, Choice, assert_twin, test_device};
-use photofit_image::downsample;
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::Scene;
 
@@ -35,13 +35,26 @@ impl Ready {
         DeviceScene::new(gpu, &self.flat, &self.library).expect("uploaded")
     }
 
+    fn reference(&self, samples: usize) -> Rasterized<'_> {
+        Rasterized::new(&self.flat, &self.library).sampled(samples)
+    }
+
     fn on_cpu(&self, asked: &Asked<'_>) -> Image {
-        let renderer = SceneRenderer::new(&self.flat, &self.library);
-        let renderer = if asked.backs { renderer.with_backs() } else { renderer };
-        let parts = (asked.samples / 8).max(1);
-        let ([w, h], samples) = (asked.size.map(|n| n * parts), asked.samples / parts);
-        let image = renderer.render(asked.camera, &asked.lights.lights(), w, h, samples);
-        if parts > 1 { downsample(&image, parts) } else { image }
+        self.reference(asked.samples).picture(&setup(asked)).expect("drawn").image
+    }
+}
+
+/// What a reference is asked for.
+fn setup(asked: &Asked<'_>) -> Setup {
+    let [width, height] = asked.size;
+    Setup {
+        camera: (*asked.camera).into(),
+        lights: asked.lights.clone(),
+        moment: Moment::default(),
+        width,
+        height,
+        picture: None,
+        backs: asked.backs,
     }
 }
 
@@ -85,6 +98,37 @@ fn pictures_of_a_scene_are_those_of_the_cpu() {
         let covered = expected.data.chunks_exact(4).filter(|p| p[3] > 0.0).count();
         assert!(5 * covered > expected.pixels(), "{what}: {covered} pixels");
         assert_eq!(device.bands(), 1, "{what}");
+    }
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn a_reference_that_is_drawn_on_a_device_gives_the_pictures_of_the_cpu() {
+    let (gpu, scene, camera) = (test_device(), Ready::new(&spheres()), camera());
+    let all = ViewLights(lights());
+    let each = lights().into_iter().map(|light| ViewLights(vec![light]));
+    let asked = |lights, size, samples, backs| Asked { camera: &camera, lights, size, samples, backs };
+    let ones: Vec<ViewLights> = each.collect();
+    let one =
+        ones.iter().enumerate().map(|(k, lights)| (format!("light {k}"), asked(lights, [90, 80], 2, false)));
+    let more = [
+        ("backs".to_owned(), asked(&all, [90, 80], 4, true)),
+        ("16 samples".to_owned(), asked(&all, [40, 50], 16, false)),
+        ("16 samples and backs".to_owned(), asked(&all, [50, 30], 16, true)),
+    ];
+    for (what, asked) in one.chain(more) {
+        let on_cpu = scene.reference(asked.samples);
+        let there = DrawnThere::new(gpu, on_cpu, true);
+        let setup = setup(&asked);
+        let [found, expected] =
+            [&there as &dyn Reference, &on_cpu].map(|r| r.picture(&setup).expect("drawn"));
+        agree(&what, &found.image, &expected.image);
+        assert_eq!(found.noise, expected.noise, "{what}");
+        assert_eq!(
+            there.where_drawn().as_deref(),
+            Some("pictures of the reference are drawn there"),
+            "{what}"
+        );
     }
 }
 
@@ -177,19 +221,36 @@ fn a_picture_in_bands_is_the_whole_one() {
     let banded = device.draw(&asked).expect("drawn");
     assert_eq!(device.bands(), 3);
     agree("three bands", &banded, &whole);
-    // Pictures of fewer rows in the same bands, and the same once more.
+    // Bands and bits are those of the picture, whatever was drawn before.
     let fewer = Asked { size: [150, 100], ..asked };
-    agree("fewer rows", &device.draw(&fewer).expect("drawn"), &scene.on_cpu(&fewer));
-    assert!(device.bands() == 3 && device.draw(&asked).expect("drawn") == banded);
-    // Where memory is used up, as many bands as there is room for.
-    let room = |memory: u64| {
-        let caps = Caps { memory, ..Caps::NONE };
-        let mut device = scene.on(&Gpu::within(&named, caps).expect("opened"));
-        device.draw(&asked).map(|image| (image, device.bands()))
-    };
-    let (drawn, bands) = room(16 << 20).expect("drawn");
-    assert!(bands > 1, "{bands} bands");
-    agree("little memory", &drawn, &whole);
+    let after = device.draw(&fewer).expect("drawn");
+    agree("fewer rows", &after, &scene.on_cpu(&fewer));
+    let mut fresh = scene.on(&small);
+    assert!(fresh.draw(&fewer).expect("drawn") == after && fresh.bands() == 2);
+    assert!(device.draw(&asked).expect("drawn") == banded);
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn pictures_without_room_are_refused() {
+    let (shared, scene, camera) = (test_device(), Ready::new(&spheres()), camera());
+    let lights = ViewLights(lights());
+    let asked = Asked { camera: &camera, lights: &lights, size: [150, 131], samples: 4, backs: false };
+    let named = Choice::Named(shared.report().name.clone());
+    // By the limits, before anything is allocated: more pixels, or more samples in a row, than are bound.
+    let small = Gpu::within(&named, Caps { binding: 16 * 150 * 131, ..Caps::NONE }).expect("opened");
+    let told = |size, samples| DeviceScene::refused(&small, &Asked { size, samples, ..asked });
+    assert_eq!(told([150, 131], 4), None);
+    assert!(told([150, 132], 4).is_some_and(|t| t.contains("its pixels take 316800 of 314400 bytes")));
+    assert!(told([76, 1], 16).is_none() && told([77, 1], 16).is_some_and(|t| t.contains("samples of a row")));
+    // By the memory: it is given back.
+    let gpu = Gpu::within(&named, Caps { memory: 12 << 20, ..Caps::NONE }).expect("opened");
+    let mut device = scene.on(&gpu);
+    device.draw(&Asked { size: [8, 8], ..asked }).expect("drawn");
+    let error = device.draw(&asked).expect_err("no room");
+    assert!(matches!(error, GpuError::OutOfMemory { .. }), "{error}");
+    assert!(device.bytes(&asked) > 12 << 20 && device.stage.is_none());
+    device.draw(&Asked { size: [8, 8], ..asked }).expect("drawn");
 }
 
 #[test]

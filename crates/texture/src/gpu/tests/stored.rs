@@ -43,9 +43,10 @@ fn textures_of_files_read_alike() {
     let (bound, values) =
         (gpu.upload("places", &at).expect("fits"), gpu.zeros::<[f32; 4]>("values", 2000).expect("fits"));
     for (k, texture) in textures.iter().enumerate() {
-        for wrap in [Wrap::Repeat, Wrap::MirroredRepeat, Wrap::ClampToEdge] {
+        let wraps = [Wrap::Repeat, Wrap::MirroredRepeat, Wrap::ClampToEdge];
+        for (wrap_u, wrap_v) in wraps.into_iter().flat_map(|u| wraps.map(|v| (u, v))) {
             for filter in [Filter::Nearest, Filter::Bilinear, Filter::Trilinear] {
-                let s = Sampler { wrap_u: wrap, wrap_v: Wrap::Repeat, filter };
+                let s = Sampler { wrap_u, wrap_v, filter };
                 let layout = texture.layout();
                 let params = [stored.place(k), layout.count() as u32, sampler_bits(&s), 2000];
                 run(gpu, |r| {

@@ -1,6 +1,9 @@
 //! Pictures in bands of rows against whole ones.
 
 use super::*;
+use crate::engine::Normalised;
+use crate::engine::reference::{Rasterized, Reference};
+use crate::scene_render::tests::spheres;
 use photofit_gpu::{Caps, Choice};
 
 /// A fit whose pictures are drawn in so many bands, twice as many for each doubling.
@@ -97,4 +100,28 @@ fn a_device_without_room_for_a_picture_draws_bands() {
     let gpu = Gpu::within(&choice, Caps { memory: taken / 8, binding: u64::MAX }).unwrap();
     let told = GpuSurface::new(&gpu, s.clone(), &shots).unwrap_err().to_string();
     assert!(told.contains("out of device memory"), "{told}");
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn a_reference_makes_room_before_pictures_are_drawn_in_bands() {
+    let choice = Choice::Named(test_device().report().name.clone());
+    let (s, shots) = (surface(false), shots(Sampling::SUPERSAMPLED, 128));
+    let n = Normalised::new(&spheres()).unwrap();
+    let on_cpu = Rasterized::new(&n.flat, &n.library).sampled(2);
+    let setup = Orbit::new(0, &Lighting::Mixed, 256).setup(Set::Train, 2, 0);
+    let within = |memory: u64| Gpu::within(&choice, Caps { memory, binding: u64::MAX }).unwrap();
+    let alone = within(u64::MAX);
+    let whole = GpuSurface::new(&alone, s.clone(), &shots).unwrap();
+    let needed = alone.held();
+    drop(whole);
+    // Room for the fit alone, and less of it than the buffers of the reference take.
+    let gpu = within(needed + (4 << 20));
+    let drawn = DrawnThere::new(&gpu, on_cpu, true);
+    drawn.picture(&setup).unwrap();
+    assert!(gpu.held() > 4 << 20, "{} bytes of the reference", gpu.held());
+    let bands =
+        |lent| GpuSurface::beside(&gpu, s.clone(), &shots, lent).map_or(0, |model| model.bands().get());
+    assert_ne!(bands(None), 1);
+    assert_eq!(bands(drawn.lent()), 1);
 }
