@@ -81,21 +81,21 @@ fn targets() -> Vec<Target> {
         rules,
     };
     let mut out = vec![
-        target("gltf", "gltf", Shape::Json, corpus::gltf(), scene, 0),
-        target("glb", "glb", Shape::Glb, corpus::glb(), scene, 0),
-        target("glb-textures", "glb", Shape::GlbBinary, corpus::glb_textures(), scene, 0),
-        target("glb-draco", "glb", Shape::GlbBinary, corpus::glb_draco(), scene, 0),
-        target("glb-meshopt", "glb", Shape::GlbBinary, corpus::glb_meshopt(), scene, 0),
-        target("obj", "obj", Shape::Text, corpus::obj(), scene, 0),
-        target("mtl", "mtl", Shape::Text, corpus::mtl(), scene, 0).named_by("a.obj", corpus::OBJ_OF_MTL),
-        target("ply", "ply", Shape::Text, corpus::ply_text(), scene, 0),
-        target("ply-binary", "ply", Shape::Bytes, corpus::ply_binary(), scene, 0),
-        target("points", "ply", Shape::Text, corpus::ply_text(), points, 0),
-        target("pcd", "pcd", Shape::Text, corpus::pcd_text(), points, 0),
-        target("pcd-binary", "pcd", Shape::Bytes, corpus::pcd_binary(), points, 0),
-        target("hdr", "hdr", Shape::Bytes, corpus::radiance(), environment, 0),
-        target("exr", "exr", Shape::Bytes, corpus::exr(), environment, 0),
-        target("ktx2", "ktx2", Shape::Bytes, corpus::ktx2(), ktx2, 0),
+        target("gltf", "gltf", Shape::Json, corpus::gltf(), scene, 69),
+        target("glb", "glb", Shape::Glb, corpus::glb(), scene, 54),
+        target("glb-textures", "glb", Shape::GlbBinary, corpus::glb_textures(), scene, 42),
+        target("glb-draco", "glb", Shape::GlbBinary, corpus::glb_draco(), scene, 48),
+        target("glb-meshopt", "glb", Shape::GlbBinary, corpus::glb_meshopt(), scene, 43),
+        target("obj", "obj", Shape::Text, corpus::obj(), scene, 4),
+        target("mtl", "mtl", Shape::Text, corpus::mtl(), scene, 1).named_by("a.obj", corpus::OBJ_OF_MTL),
+        target("ply", "ply", Shape::Text, corpus::ply_text(), scene, 22),
+        target("ply-binary", "ply", Shape::Bytes, corpus::ply_binary(), scene, 32),
+        target("points", "ply", Shape::Text, corpus::ply_text(), points, 18),
+        target("pcd", "pcd", Shape::Text, corpus::pcd_text(), points, 18),
+        target("pcd-binary", "pcd", Shape::Bytes, corpus::pcd_binary(), points, 11),
+        target("hdr", "hdr", Shape::Bytes, corpus::radiance(), environment, 8),
+        target("exr", "exr", Shape::Bytes, corpus::exr(), environment, 17),
+        target("ktx2", "ktx2", Shape::Bytes, corpus::ktx2(), ktx2, 9),
     ];
     #[cfg(feature = "mitsuba")]
     {
@@ -103,9 +103,9 @@ fn targets() -> Vec<Target> {
             let options = photofit_scene::mitsuba::MitsubaOptions { limits: LIMITS, ..Default::default() };
             told(photofit_scene::mitsuba::load_mitsuba(path, &options))
         };
-        out.push(target("mitsuba", "xml", Shape::Xml, corpus::mitsuba(), mitsuba, 0));
+        out.push(target("mitsuba", "xml", Shape::Xml, corpus::mitsuba(), mitsuba, 41));
         for (name, extension, shape, seeds, body) in corpus::named_by_mitsuba() {
-            let target = target(name, extension, shape, seeds, mitsuba, 0);
+            let target = target(name, extension, shape, seeds, mitsuba, 4);
             out.push(target.named_by("scene.xml", corpus::mitsuba_scene(body)));
         }
     }
