@@ -175,6 +175,6 @@ mod tests {
                 Ok(())
             },
         );
-        seen.assert_deep("sequence", 0);
+        seen.assert_deep("sequence", 25);
     }
 }

@@ -247,6 +247,6 @@ mod tests {
                 camera.map(drop).map_err(|e| e.to_string())
             },
         );
-        seen.assert_deep("surface-camera", 0);
+        seen.assert_deep("surface-camera", 25);
     }
 }

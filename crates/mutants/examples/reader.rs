@@ -1,4 +1,7 @@
 //! Mutants of a small text against a reader: how many are read, and which rules the others break.
+//!
+//! `cargo run -p photofit-mutants --example reader`
+#![expect(clippy::print_stdout, reason = "an example reports on its stream")]
 
 use photofit_mutants::{Shape, Target};
 
@@ -14,7 +17,7 @@ fn main() {
 
 /// `size W H` and `color R G B`, each number a byte.
 fn read(bytes: &[u8]) -> Result<(), String> {
-    let text = std::str::from_utf8(bytes).map_err(|_| "the text must be UTF-8")?;
+    let text = std::str::from_utf8(bytes).map_err(|e| format!("the text must be UTF-8: {e}"))?;
     for line in text.lines() {
         let mut words = line.split(' ');
         let count = match words.next() {
@@ -23,7 +26,7 @@ fn read(bytes: &[u8]) -> Result<(), String> {
             _ => return Err("a line must begin with size or color".into()),
         };
         let numbers = words.map(str::parse::<u8>).collect::<Result<Vec<_>, _>>();
-        let numbers = numbers.map_err(|_| "numbers must be from zero to a byte's largest")?;
+        let numbers = numbers.map_err(|e| format!("a number must be from zero to a byte's largest: {e}"))?;
         if numbers.len() != count {
             return Err("a line must have all of its numbers and no more".into());
         }

@@ -24,6 +24,7 @@ pub use rng::Rng;
 pub use shape::{Packing, Shape, glb};
 
 use std::collections::BTreeSet;
+use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
 
@@ -104,13 +105,19 @@ impl Seen {
     /// Where that is not so.
     pub fn assert_deep(&self, name: &str, rules: usize) {
         let Self { count, read, .. } = *self;
-        println!("{name}: {read} of {count} mutants are read, the others break {} rules", self.rules.len());
         assert!(read * 50 > count && read * 50 < count * 49, "{name}: {read} of {count} are read");
         assert!(
             self.rules.len() >= rules,
             "{name}: {} rules of at least {rules} are reached",
             self.rules.len()
         );
+    }
+}
+
+impl fmt::Display for Seen {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { count, read, rules } = self;
+        write!(f, "{read} of {count} mutants are read, the others break {} rules", rules.len())
     }
 }
 

@@ -247,7 +247,7 @@ mod tests {
     /// A cube of glass whose transmission and whose alpha come from a texture as well.
     fn glass(alpha_mode: AlphaMode, factor: f32, texels: Option<[u8; 4]>) -> Scene {
         let slot = texels.map(|_| TextureSlot::new(0));
-        let transmission = Some(Transmission { factor, texture: slot.clone() });
+        let transmission = Some(Transmission { factor, texture: slot });
         let mut asset = scene(Material {
             base_color: [0.9, 0.5, 0.2, 0.8],
             base_color_texture: slot,

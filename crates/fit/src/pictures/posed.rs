@@ -226,7 +226,7 @@ fn camera(
     );
     let distance = eye.length();
     let near = (distance - 1.05).max(1e-3 * distance.max(1.0));
-    Ok(Camera {
+    let camera = Camera {
         eye,
         view,
         fov_y: (2.0 * (0.5 * height / lens.focal[1]).atan()) as f32,
@@ -237,7 +237,11 @@ fn camera(
         ],
         near,
         far: distance + 1.05,
-    })
+    };
+    if !camera.view_projection().is_finite() {
+        return Err("the camera is too far away, or its focal length is too short or too long".into());
+    }
+    Ok(camera)
 }
 
 /// Linear premultiplied RGBA of a picture with alpha: straight in PNG, premultiplied in `OpenEXR`.

@@ -126,6 +126,6 @@ mod tests {
                 film.restore(bytes, &keys).map_err(|e| e.to_string())
             },
         );
-        seen.assert_deep("render-state", 0);
+        seen.assert_deep("render-state", 5);
     }
 }

@@ -147,7 +147,9 @@ fn fuzz(target: &Target, enough: impl Fn(u64) -> bool) -> Seen {
 #[test]
 fn mutants_are_read_or_refused() {
     for target in targets() {
-        fuzz(&target, |n| n == FEW).assert_deep(target.name, target.rules);
+        let seen = fuzz(&target, |n| n == FEW);
+        println!("{}: {seen}", target.name);
+        seen.assert_deep(target.name, target.rules);
     }
 }
 
@@ -159,6 +161,8 @@ fn many_mutants_are_read_or_refused() {
     let share = Duration::from_secs_f64(60.0 * minutes / targets.len() as f64);
     for target in targets {
         let end = Instant::now() + share;
-        fuzz(&target, |_| Instant::now() >= end).assert_deep(target.name, target.rules);
+        let seen = fuzz(&target, |_| Instant::now() >= end);
+        println!("{}: {seen}", target.name);
+        seen.assert_deep(target.name, target.rules);
     }
 }

@@ -164,5 +164,5 @@ fn mutants_are_read_or_refused() {
             Err(Refusal::Other(_)) => Err("it belongs to another fit".into()),
         },
     );
-    seen.assert_deep("checkpoint", 0);
+    seen.assert_deep("checkpoint", 40);
 }

@@ -306,28 +306,6 @@ fn losses_that_are_not_finite_are_told() {
     assert!(losses[0].is_finite() && losses[1].is_nan(), "{losses:?}");
 }
 
-#[test]
-#[ignore = "gpu: needs an adapter"]
-fn gradients_that_end_at_their_limit_are_told_once() {
-    let gpu = test_device();
-    let (s, shots) = (surface(false), shots(Sampling::SUPERSAMPLED, 16));
-    let mut device = GpuSurface::new(gpu, s, &shots).unwrap();
-    let mut step = |shots: &[Shot]| {
-        device.step(shots, Loss::Mse.into(), &[1e-12, 1e-12]).unwrap();
-        assert!(device.losses().unwrap()[0].is_finite());
-        device.notes()
-    };
-    assert!(step(&shots).is_empty());
-    let mut bright = shots.clone();
-    Arc::make_mut(&mut bright[1].shown).data[4 * (8 * 16 + 8) + 1] = 1e10;
-    let told = step(&bright);
-    assert_eq!(told.len(), 2, "{told:?}");
-    for (note, what) in told.iter().zip(["positions", "maps"]) {
-        assert!(note.contains(&format!("gradient of the {what} are larger")), "{note}");
-    }
-    assert!(step(&bright).is_empty() && step(&shots).is_empty());
-}
-
 /// Batches of two of four pictures, again and again under other noise.
 fn kept_shots(size: usize) -> Vec<Vec<Shot>> {
     let views = Orbit::new(4, &Lighting::Mixed, size);

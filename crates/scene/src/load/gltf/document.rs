@@ -108,7 +108,7 @@ struct RawChannel {
 
 #[derive(serde::Deserialize)]
 struct RawTarget {
-    node: Option<serde::de::IgnoredAny>,
+    node: Option<IgnoredAny>,
 }
 
 #[derive(serde::Deserialize)]

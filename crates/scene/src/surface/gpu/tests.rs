@@ -25,6 +25,8 @@ const SURFACE_POINTS: f64 = 2e-3;
 type Point = [[f32; 4]; 4];
 /// Base colour and alpha; roughness, metalness and whether it is unlit; normal; emission.
 type Found = [[f32; 4]; 4];
+/// A change of a material.
+type Change<'a> = &'a dyn Fn(&mut Material);
 
 fn image(rng: &mut Uniform, [width, height]: [usize; 2], wide: bool) -> TextureImage {
     let texels16: Vec<[u16; 4]> =
@@ -70,7 +72,7 @@ fn material(rng: &mut Uniform, k: usize, images: usize) -> Material {
         ..Material::default()
     };
     // Maps that share an address, as most of an asset do.
-    if k % 2 == 0 {
+    if k.is_multiple_of(2) {
         material.metallic_roughness_texture = material.base_color_texture;
         material.emissive_texture = material.normal_texture;
     }
@@ -208,7 +210,7 @@ fn another_material_is_noticed() {
     let (gpu, scene) = (test_device(), scene());
     let at = points(&mut Uniform::new(43));
     let has = |is: &dyn Fn(&Material) -> bool| scene.materials.iter().position(is).expect("some material");
-    let cases: [(&str, usize, &dyn Fn(&mut Material)); 4] = [
+    let cases: [(&str, usize, Change<'_>); 4] = [
         ("normal scale", has(&|m| m.normal_texture.is_some() && !m.unlit), &|m| m.normal_scale += 0.01),
         ("base alpha", has(&|m| m.alpha_mode == AlphaMode::Blend), &|m| m.base_color[3] *= 0.99),
         (
