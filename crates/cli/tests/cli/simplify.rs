@@ -497,6 +497,6 @@ fn steps_that_nothing_needs_are_told_with_the_reason() {
     let more = [&["simplify", "rock.glb", "-o", "out.glb", "--steps", "7", "--explain"][..], &more].concat();
     let text = stdout(&succeeds(d, &more));
     assert!(text.contains("; 7 steps are asked for"), "{text}");
-    let reason = "skip steps                  all triangles fit into the bytes: nothing is missing";
+    let reason = "skip steps                  all triangles stay: nothing is missing";
     assert_eq!(text.matches(reason).count(), 2, "before and after: {text}");
 }
