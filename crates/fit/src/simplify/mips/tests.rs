@@ -111,7 +111,7 @@ fn at_size(scene: &Scene, files: &[Scene], size: usize) -> Vec<(Quality, f64)> {
 }
 
 #[test]
-#[ignore = "slow: fits of both kinds of levels, judged at four sizes"]
+#[ignore = "slow: fits of both kinds of levels, judged at three sizes"]
 fn free_levels_look_better_than_averages_at_small_sizes() {
     let dir = tempfile::tempdir().unwrap();
     let scene = ball();
