@@ -71,8 +71,9 @@ def joined(meshes):
     data = bpy.data.meshes.new("light")
     whole.to_mesh(data)
     whole.free()
-    for layer in list(data.uv_layers) + list(data.color_attributes):
-        (data.uv_layers if layer in list(data.uv_layers) else data.color_attributes).remove(layer)
+    for layers in data.uv_layers, data.color_attributes:
+        while layers:
+            layers.remove(layers[0])
     data.shade_smooth()
     light = bpy.data.objects.new("light", data)
     bpy.context.scene.collection.objects.link(light)
@@ -180,7 +181,7 @@ def material_of(maps, size):
         image = bpy.data.images.new(name, size, size, alpha=True, is_data=data)
         if not data:
             image.colorspace_settings.name = "sRGB"
-            pixels = np.concatenate([encoded(pixels[..., :3]), pixels[..., 3:]], -1)
+            pixels = np.concatenate([in_cycles.encoded(pixels[..., :3]), pixels[..., 3:]], -1)
         image.pixels.foreach_set(np.ascontiguousarray(np.clip(pixels, 0, 1), np.float32).ravel())
         image.pack()
         node = nodes.new("ShaderNodeTexImage")
@@ -210,9 +211,3 @@ def material_of(maps, size):
         links.new(texture("glow", maps["glow"], False).outputs["Color"], surface.inputs["Emission Color"])
         surface.inputs["Emission Strength"].default_value = 1
     return material
-
-
-def encoded(linear):
-    """sRGB of linear light."""
-    x = np.clip(linear, 0, 1)
-    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)

@@ -194,7 +194,12 @@ def pictures(path, environment, count, size, samples, seed, around=None):
 def display(image):
     """sRGB over the background."""
     behind = ((BACKGROUND + 0.055) / 1.055) ** 2.4
-    x = np.clip(image[..., :3] + (1 - image[..., 3:]) * behind, 0, 1)
+    return encoded(image[..., :3] + (1 - image[..., 3:]) * behind)
+
+
+def encoded(linear):
+    """sRGB of linear light, float32."""
+    x = np.clip(linear, 0, 1)
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055).astype(np.float32)
 
 

@@ -10,15 +10,14 @@ use std::time::{Duration, Instant};
 
 /// Whether there is something to keep.
 static KEEPING: AtomicBool = AtomicBool::new(false);
-static STOPPING: AtomicBool = AtomicBool::new(false);
-/// When the first signal came.
+/// When the first signal came while there was.
 static FIRST: OnceLock<Instant> = OnceLock::new();
 /// Signals within this time are one.
 const TOGETHER: Duration = Duration::from_millis(200);
 
 /// Whether a signal asked the work to stop.
 pub(crate) fn is_stopping() -> bool {
-    STOPPING.load(Ordering::SeqCst)
+    FIRST.get().is_some()
 }
 
 /// Makes signals end the program with status [`INTERRUPTED`]; a hangup is left as it is, so that `nohup` keeps its meaning.
@@ -34,8 +33,7 @@ pub(crate) fn handle() {
 
 fn received() {
     let keeping = KEEPING.load(Ordering::SeqCst);
-    if keeping && !STOPPING.swap(true, Ordering::SeqCst) {
-        FIRST.get_or_init(Instant::now);
+    if keeping && FIRST.set(Instant::now()).is_ok() {
         say("stopping; what was reached is kept. A second Ctrl-C or SIGTERM ends the program at once.");
     } else if !keeping || FIRST.get().is_none_or(|first| first.elapsed() >= TOGETHER) {
         std::process::exit(i32::from(INTERRUPTED));

@@ -98,7 +98,8 @@ pub(crate) fn classes(scene: &Scene) -> (Vec<MaterialClass>, Vec<u32>) {
             AlphaMode::Mask { .. } => MASK,
             mode => mode,
         };
-        let see_through = transmits(m).then(|| drawn_share(scene, i));
+        let extensions = kept(scene, i);
+        let see_through = transmits(m).then(|| drawn_share(extensions.as_deref()));
         let drawn = if see_through.is_some() { AlphaMode::Blend } else { written };
         MaterialClass {
             name: String::new(),
@@ -108,7 +109,7 @@ pub(crate) fn classes(scene: &Scene) -> (Vec<MaterialClass>, Vec<u32>) {
             unlit: m.unlit,
             opposed: false,
             see_through,
-            extensions: kept(scene, i),
+            extensions,
         }
     };
     let of: Vec<u32> = (0..scene.materials.len())
@@ -137,7 +138,7 @@ pub(crate) fn drawn(scene: &Scene) -> Cow<'_, Scene> {
     let mut out = scene.clone();
     for (i, m) in scene.materials.iter().enumerate().filter(|(_, m)| transmits(m)) {
         let alpha = if m.alpha_mode == AlphaMode::Opaque { 1.0 } else { m.base_color[3] };
-        out.materials[i].base_color[3] = alpha * drawn_share(scene, i);
+        out.materials[i].base_color[3] = alpha * drawn_share(averaged(scene, i).as_ref());
         out.materials[i].alpha_mode = AlphaMode::Blend;
         if let (AlphaMode::Opaque, Some(slot)) = (m.alpha_mode, &mut out.materials[i].base_color_texture)
             && scene.images[slot.image].texels.iter().any(|t| t[3] < 255)
@@ -161,11 +162,10 @@ pub(crate) fn transmits(m: &Material) -> bool {
     transmission(m) > 0.0 && !m.unlit && !matches!(m.alpha_mode, AlphaMode::Mask { .. })
 }
 
-/// Share of alpha that is drawn of a material through which light passes: that of the light asset's, whose transmission is
-/// the mean of the texture.
-fn drawn_share(scene: &Scene, material: usize) -> f32 {
-    let extensions = averaged(scene, material);
-    let factor = extensions.and_then(|e| e.transmission).map_or(0.0, |t| t.factor);
+/// Share of alpha that is drawn of a material through which light passes, by its extensions without textures: that of the
+/// light asset's, whose transmission is the mean of the texture.
+fn drawn_share(extensions: Option<&Extensions>) -> f32 {
+    let factor = extensions.and_then(|e| e.transmission.as_ref()).map_or(0.0, |t| t.factor);
     1.0 - factor.clamp(0.0, 1.0) * (1.0 - LEAST_OPACITY)
 }
 

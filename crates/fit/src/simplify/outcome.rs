@@ -32,7 +32,8 @@ pub struct Outcome {
     pub seconds_to_half_db: f64,
     /// True when the user ended the work early, or the time limit the fit.
     pub stopped: bool,
-    /// Whether that ended the fit; else it ended the judgement alone, and what is written is complete.
+    /// Whether that ended the fit; else it ended what came after it: the choice of what is written, its textures within a budget of
+    /// bytes, or the judgement.
     pub fit_stopped: bool,
     /// Names of the stages with their mean quality, in the order of [`ReportView::quality`]: `decimated` (fewer
     /// triangles, the asset's own materials; absent where the user stopped the work before the choice), the starts by their
