@@ -3,7 +3,7 @@
 //! Only the width differs: no fused multiply-add is allowed, so that every machine gives the same bits.
 
 /// Work that is compiled once for each width: its `run`, and all that it calls, must be marked `#[inline(always)]`. A closure is
-/// one; a large one is not inlined, so that its work stays narrow without a word: that is what types of their own are for.
+/// one, itself marked so.
 pub trait Kernel {
     /// What it gives.
     type Output;
@@ -12,11 +12,13 @@ pub trait Kernel {
     fn run(self) -> Self::Output;
 }
 
-impl<R, F: FnOnce() -> R> Kernel for F {
+// Not `FnOnce`: a closure that could be called twice is called through a function of its own then, which nothing marks as
+// inlined, so that large ones stayed narrow without a word.
+impl<R, F: FnMut() -> R> Kernel for F {
     type Output = R;
 
     #[inline(always)]
-    fn run(self) -> R {
+    fn run(mut self) -> R {
         self()
     }
 }

@@ -125,7 +125,7 @@ impl<T: Sample> StripSolver<T> {
     {
         run_widest(
             #[inline(always)]
-            || self.sweep(block, source),
+            || self.sweep(block, &source),
         );
     }
 
