@@ -93,12 +93,16 @@ pub struct AdapterReport {
 pub(crate) const STORAGE_BUFFERS: u32 = 9;
 /// What an adapter may lack.
 const TIMESTAMPS: &str = "timestamps (profiles only)";
+const WIDE: &str = "additions of 64-bit words (sums take longer)";
+/// What a device must have to add words of 64 bits in memory.
+pub(crate) const WIDE_WORDS: wgpu::Features =
+    wgpu::Features::SHADER_INT64.union(wgpu::Features::SHADER_INT64_ATOMIC_ALL_OPS);
 const WORKGROUP_MEMORY: u32 = 16 << 10;
 
 impl AdapterReport {
     /// The first thing missing without which no kernel runs.
     pub fn missing(&self) -> Option<&str> {
-        self.lacks.iter().map(String::as_str).find(|l| *l != TIMESTAMPS)
+        self.lacks.iter().map(String::as_str).find(|l| ![TIMESTAMPS, WIDE].contains(l))
     }
 
     fn new(adapter: &wgpu::Adapter) -> Self {
@@ -115,6 +119,9 @@ impl AdapterReport {
         }
         if !adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
             lacks.push(TIMESTAMPS.into());
+        }
+        if !adapter.features().contains(WIDE_WORDS) {
+            lacks.push(WIDE.into());
         }
         Self {
             kind: AdapterKind::of(info.device_type),

@@ -1,8 +1,8 @@
 //! A device with its queue and its compiled kernels.
 
 use crate::GpuError;
-use crate::adapter::{AdapterReport, Choice, checks, choose};
-use crate::kernel::{Kernel, Reflection};
+use crate::adapter::{AdapterReport, Choice, WIDE_WORDS, checks, choose};
+use crate::kernel::{Kernel, Reflection, WordsAdded};
 use crate::memory::{Caps, Memory};
 use crate::wait::{Answer, refused, refused_in_time};
 use std::collections::{HashMap, VecDeque};
@@ -22,6 +22,7 @@ struct Shared {
     queue: wgpu::Queue,
     report: AdapterReport,
     timestamps: bool,
+    words: WordsAdded,
     checks: wgpu::ShaderRuntimeChecks,
     memory: Memory,
     /// Compiled kernels by name and entry point.
@@ -84,7 +85,11 @@ impl Gpu {
             return Err(no_device(format!("it lacks {lack}")));
         }
         let timestamps = adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY);
-        let features = if timestamps { wgpu::Features::TIMESTAMP_QUERY } else { wgpu::Features::empty() };
+        let mut features = if timestamps { wgpu::Features::TIMESTAMP_QUERY } else { wgpu::Features::empty() };
+        let wide = caps.wide_words && adapter.features().contains(WIDE_WORDS);
+        if wide {
+            features |= WIDE_WORDS;
+        }
         let mut limits = adapter.limits();
         let binding = &mut limits.max_storage_buffer_binding_size;
         *binding = caps.binding.min(*binding);
@@ -111,6 +116,7 @@ impl Gpu {
             queue,
             report,
             timestamps,
+            words: if wide { WordsAdded::Bits64 } else { WordsAdded::Bits32 },
             checks: checks(adapter.get_info().backend),
             memory: Memory::new(caps.memory),
             compiled: Mutex::default(),
@@ -261,7 +267,7 @@ impl Gpu {
 
     /// The bindings of a kernel, which the device can hold.
     fn fitting(&self, kernel: &Kernel) -> Result<Reflection, GpuError> {
-        let reflection = kernel.reflect()?;
+        let reflection = kernel.reflect(self.0.words)?;
         let limits = self.0.device.limits();
         let (bound, most) = (reflection.storage.len(), limits.max_storage_buffers_per_shader_stage);
         if bound > most as usize {
@@ -303,7 +309,7 @@ impl Gpu {
         });
         let descriptor = wgpu::ShaderModuleDescriptor {
             label: Some(kernel.name),
-            source: wgpu::ShaderSource::Wgsl(kernel.text().into()),
+            source: wgpu::ShaderSource::Wgsl(kernel.text(self.0.words).into()),
         };
         #[expect(unsafe_code, reason = "loops that count up to a bound are not counted once more")]
         // SAFETY: all other checks stay; kernels are constants of this program, and each of their loops ends, since the

@@ -1,35 +1,43 @@
 //! Sums that do not depend on the order of their terms.
 
-/// WGSL of `add(at, x, scale)`, which adds a term to sum number `at` of a buffer of [`FIXED`](crate::FIXED) sums, from the
-/// names of both: WGSL hands no buffer to a function.
+/// WGSL of `add(at, x, scale)`, which adds a term to sum number `at` of a buffer of [`FIXED`](crate::FIXED) sums, and of its first
+/// half `term(at, x, scale, large)`, from the names of all: WGSL hands no buffer to a function.
 ///
 /// ```
-/// const MORE: &str = photofit_gpu::fixed_adding!("add_more", "more_sums");
+/// const MORE: &str = photofit_gpu::fixed_adding!("add_more", "more_term", "more_sums");
 /// assert!(MORE.contains("fn add_more(at: u32, x: f32, scale: f32)"));
 /// ```
 #[macro_export]
 macro_rules! fixed_adding {
-    ($add:literal, $sums:literal) => {
+    ($add:literal, $term:literal, $sums:literal) => {
         concat!(
-            "// Adds to the high word of sum number `at` what term `x` adds to it; large terms are counted.\n",
+            "// The words of a term of sum number `at`, where `large` is `fixed_large(scale)`. What the status has to know of the\n",
+            "// term is told.\n",
             "fn ",
-            $add,
-            "_high(at: u32, x: f32, scale: f32, high: u32) {
-    if high == 0u {
-        return;
-    }
-    // Its result is not used, so that a device need not wait for it.
-    atomicAdd(&",
-            $sums,
-            "[at].high, high);
-    if !fixed_is_large(x, scale) {
-        return;
+            $term,
+            "(at: u32, x: f32, scale: f32, large: u32) -> vec2<u32> {
+    let bits = fixed_bits(x);
+    if bits < large {
+        return fixed_words(x, scale);
     }
     let last = arrayLength(&",
             $sums,
             ") - 1u;
+    if bits >= 0x7f800000u {
+//@ 32
+        atomicOr(&",
+            $sums,
+            "[last].high, FIXED_NOT_FINITE);
+//@ 64
+        atomicOr(&",
+            $sums,
+            "[last], u64(FIXED_NOT_FINITE) << 32u);
+//@
+        return vec2<u32>(0u);
+    }
     let count = last - 1u - at / FIXED_SHARED;
     let size = fixed_size(x, scale);
+//@ 32
     var before: u32;
     if x < 0.0 {
         before = atomicAdd(&",
@@ -46,27 +54,44 @@ macro_rules! fixed_adding {
             $sums,
             "[last].high, verdict);
     }
+//@ 64
+    let word = select(0u, 32u, x < 0.0);
+    let before = u32((atomicAdd(&",
+            $sums,
+            "[count], u64(size) << word) >> word) & 0xfffffffflu);
+    let verdict = fixed_verdict(x, scale, before + size);
+    if verdict != 0u {
+        atomicOr(&",
+            $sums,
+            "[last], u64(verdict) << 32u);
+    }
+//@
+    return fixed_words(x, scale);
 }
 
 // Adds `x` to sum number `at`.
 fn ",
             $add,
             "(at: u32, x: f32, scale: f32) {
-    if !fixed_is_finite(x) {
-        atomicOr(&",
-            $sums,
-            "[arrayLength(&",
-            $sums,
-            ") - 1u].high, FIXED_NOT_FINITE);
-        return;
-    }
-    let words = fixed_words(x, scale);
+    let words = ",
+            $term,
+            "(at, x, scale, fixed_large(scale));
+//@ 32
     let before = atomicAdd(&",
             $sums,
             "[at].low, words.x);
-    ",
-            $add,
-            "_high(at, x, scale, words.y + fixed_carry(before, words.x));
+    let high = words.y + select(0u, 1u, before > 0xffffffffu - words.x);
+    if high != 0u {
+        // Its result is not used, so that a device need not wait for it.
+        atomicAdd(&",
+            $sums,
+            "[at].high, high);
+    }
+//@ 64
+    atomicAdd(&",
+            $sums,
+            "[at], (u64(words.y) << 32u) | u64(words.x));
+//@
 }
 "
         )
@@ -74,7 +99,8 @@ fn ",
 }
 
 /// Sums that do not depend on the order of their terms (`add_fixed`), in a buffer of [`fixed_words`].
-pub const FIXED: &str = concat!(include_str!("wgsl/fixed.wgsl"), fixed_adding!("add_fixed", "sums"));
+pub const FIXED: &str =
+    concat!(include_str!("wgsl/fixed.wgsl"), fixed_adding!("add_fixed", "fixed_term", "sums"));
 /// Bits of the status of such sums by which one is lost: a term was not finite, or large terms were too many for its range.
 pub const FIXED_LOST: u32 = 3;
 /// Bit of the status of such sums: a term was larger than its limit, and counted as that.

@@ -20,6 +20,13 @@ pub struct Kernel {
     pub entry: &'static str,
 }
 
+/// The largest words that a device adds to in memory, from many invocations at once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum WordsAdded {
+    Bits32,
+    Bits64,
+}
+
 /// What a kernel's source says of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Reflection {
@@ -32,8 +39,23 @@ pub(crate) struct Reflection {
 }
 
 impl Kernel {
-    pub(crate) fn text(&self) -> String {
-        self.source.join("\n")
+    /// The source for devices that add words of 64 bits in memory, or for the others: lines between `//@ 32` and `//@` or
+    /// `//@ 64` are for others alone, those between `//@ 64` and `//@` for these.
+    pub(crate) fn text(&self, words: WordsAdded) -> String {
+        let (mut text, mut section) = (String::new(), None);
+        for line in self.source.iter().flat_map(|part| part.lines()) {
+            match line {
+                "//@ 32" => section = Some(WordsAdded::Bits32),
+                "//@ 64" => section = Some(WordsAdded::Bits64),
+                "//@" => section = None,
+                _ if section.is_none_or(|s| s == words) => {
+                    text += line;
+                    text.push('\n');
+                }
+                _ => {}
+            }
+        }
+        text
     }
 
     pub(crate) fn error(&self, reason: impl Into<String>) -> GpuError {
@@ -41,11 +63,15 @@ impl Kernel {
     }
 
     /// Parses and validates the source, without a device.
-    pub(crate) fn reflect(&self) -> Result<Reflection, GpuError> {
-        let text = self.text();
+    pub(crate) fn reflect(&self, words: WordsAdded) -> Result<Reflection, GpuError> {
+        let text = self.text(words);
         let module = naga::front::wgsl::parse_str(&text).map_err(|e| self.error(e.emit_to_string(&text)))?;
-        let (flags, capabilities) =
-            (naga::valid::ValidationFlags::all(), naga::valid::Capabilities::default());
+        let flags = naga::valid::ValidationFlags::all();
+        let mut capabilities = naga::valid::Capabilities::default();
+        if words == WordsAdded::Bits64 {
+            capabilities |= naga::valid::Capabilities::SHADER_INT64
+                | naga::valid::Capabilities::SHADER_INT64_ATOMIC_ALL_OPS;
+        }
         let info = naga::valid::Validator::new(flags, capabilities)
             .validate(&module)
             .map_err(|e| self.error(e.emit_to_string(&text)))?;
@@ -95,5 +121,6 @@ impl Kernel {
 /// # Errors
 /// [`GpuError::Kernel`] with the place in the source, or with the convention that is broken.
 pub fn validate(kernel: &Kernel) -> Result<(), GpuError> {
-    kernel.reflect().map(|_| ())
+    kernel.reflect(WordsAdded::Bits64)?;
+    kernel.reflect(WordsAdded::Bits32).map(|_| ())
 }

@@ -13,11 +13,13 @@ pub struct Caps {
     pub binding: u64,
     /// All buffers together, in bytes.
     pub memory: u64,
+    /// Words of 64 bits are added in memory where the device can.
+    pub wide_words: bool,
 }
 
 impl Caps {
     /// All that the device has.
-    pub const NONE: Self = Self { binding: u64::MAX, memory: u64::MAX };
+    pub const NONE: Self = Self { binding: u64::MAX, memory: u64::MAX, wide_words: true };
 }
 
 /// A buffer of the driver. Clones share it; its bytes count as long as one of them lives, those in recordings among them.

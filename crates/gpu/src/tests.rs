@@ -66,6 +66,33 @@ fn sum(gpu: &Gpu, terms: &[f32], sums: usize, scale: f32) -> (Vec<f32>, u32) {
     (gpu.read(&out).expect("read"), status)
 }
 
+/// The device of the tests, which adds words of 64 bits if it can, and the same without.
+fn devices() -> [Gpu; 2] {
+    let choice = Choice::Named(test_device().report().name.clone());
+    [true, false].map(|wide_words| Gpu::within(&choice, Caps { wide_words, ..Caps::NONE }).expect("opens"))
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn sums_by_words_of_32_and_64_bits_are_the_same() {
+    let mut state = 3_u64;
+    let mut random = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f32 / (1 << 24) as f32
+    };
+    let scale = (1_u64 << 40) as f32;
+    for (largest, lost) in [(10.0, false), (1e5, true)] {
+        let mut terms: Vec<f32> = (0..50_000)
+            .map(|_| (random() - 0.5) * largest * 10_f32.powi(-(random() * 12.0) as i32))
+            .collect();
+        terms[7] = if lost { f32::NAN } else { 1e6 };
+        let [a, b] = devices().map(|gpu| sum(&gpu, &terms, 91, scale));
+        assert_eq!(a, b);
+        assert_eq!(a.1 & FIXED_LOST != 0, lost);
+        assert_ne!(a.1 & FIXED_LIMITED, 0, "the largest one is limited");
+    }
+}
+
 #[test]
 fn tests_on_a_device_pass_where_there_is_one() {
     run_device_tests();
@@ -74,111 +101,115 @@ fn tests_on_a_device_pass_where_there_is_one() {
 #[test]
 #[ignore = "gpu: needs an adapter"]
 fn fixed_sums_are_exact_in_any_order() {
-    let gpu = test_device();
-    let mut state = 7_u64;
-    let mut random = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 40) as f32 / (1 << 24) as f32
-    };
-    // Signs and sizes mixed, from 1e-9 to 1e3.
-    let terms: Vec<f32> =
-        (0..100_000).map(|_| (random() - 0.5) * 10_f32.powi((random() * 12.0) as i32 - 9)).collect();
-    let (sums, scale) = (37, (1_u64 << 40) as f32);
-    let (found, status) = sum(gpu, &terms, sums, scale);
-    assert_eq!(status, 0);
-    for (k, found) in found.iter().enumerate() {
-        let of = terms.iter().skip(k).step_by(sums);
-        let expected: f64 =
-            of.map(|x| (f64::from(*x) * f64::from(scale)).round()).sum::<f64>() / f64::from(scale);
-        assert!((f64::from(*found) - expected).abs() <= expected.abs() * 2e-7, "{k}: {found} {expected}");
+    for gpu in &devices() {
+        let mut state = 7_u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f32 / (1 << 24) as f32
+        };
+        // Signs and sizes mixed, from 1e-9 to 1e3.
+        let terms: Vec<f32> =
+            (0..100_000).map(|_| (random() - 0.5) * 10_f32.powi((random() * 12.0) as i32 - 9)).collect();
+        let (sums, scale) = (37, (1_u64 << 40) as f32);
+        let (found, status) = sum(gpu, &terms, sums, scale);
+        assert_eq!(status, 0);
+        for (k, found) in found.iter().enumerate() {
+            let of = terms.iter().skip(k).step_by(sums);
+            let expected: f64 =
+                of.map(|x| (f64::from(*x) * f64::from(scale)).round()).sum::<f64>() / f64::from(scale);
+            assert!((f64::from(*found) - expected).abs() <= expected.abs() * 2e-7, "{k}: {found} {expected}");
+        }
+        let mut turned = Vec::new();
+        // Terms of a sum in another order.
+        for row in terms.chunks(sums).rev().filter(|r| r.len() == sums) {
+            turned.extend_from_slice(row);
+        }
+        let whole: Vec<f32> = terms.chunks(sums).filter(|r| r.len() == sums).flatten().copied().collect();
+        assert_eq!(sum(gpu, &turned, sums, scale).0, sum(gpu, &whole, sums, scale).0);
+        // The comparison is one that can fail.
+        turned[5] += 1e-3;
+        assert_ne!(sum(gpu, &turned, sums, scale).0, sum(gpu, &whole, sums, scale).0);
     }
-    let mut turned = Vec::new();
-    // Terms of a sum in another order.
-    for row in terms.chunks(sums).rev().filter(|r| r.len() == sums) {
-        turned.extend_from_slice(row);
-    }
-    let whole: Vec<f32> = terms.chunks(sums).filter(|r| r.len() == sums).flatten().copied().collect();
-    assert_eq!(sum(gpu, &turned, sums, scale).0, sum(gpu, &whole, sums, scale).0);
-    // The comparison is one that can fail.
-    turned[5] += 1e-3;
-    assert_ne!(sum(gpu, &turned, sums, scale).0, sum(gpu, &whole, sums, scale).0);
 }
 
 #[test]
 #[ignore = "gpu: needs an adapter"]
 fn fixed_sums_keep_their_extremes() {
-    let gpu = test_device();
-    let scale = (1_u64 << 40) as f32;
-    // What fills the lower word.
-    let word = (1_u64 << 32) as f32;
-    for x in [
-        0.0,
-        1.0,
-        -1.0,
-        1e-12,
-        -1e-12,
-        16383.0,
-        -16383.0,
-        0.999_999_94,
-        word.next_down() / scale,
-        word / scale,
-        -word / scale,
-    ] {
-        let (found, status) = sum(gpu, &[x], 1, scale);
-        let expected = ((f64::from(x) * f64::from(scale)).round() / f64::from(scale)) as f32;
-        assert!(status == 0 && found[0] == expected, "{x}: {} {expected}", found[0]);
-        assert_eq!(sum(gpu, &[x, -x], 1, scale).0, [0.0], "{x}");
-    }
-    // What is 2^40 times as large as the largest number is limited, too.
-    for (x, limited) in
-        [(16384.0, 0), (16385.0, FIXED_LIMITED), (-1e30, FIXED_LIMITED), (f32::MAX, FIXED_LIMITED)]
-    {
-        let (found, status) = sum(gpu, &[1.0, x], 1, scale);
-        assert_eq!(status, limited, "{x}");
-        assert!(found[0] == 1.0 + 16384_f32.copysign(x), "{x} ends at the limit: {}", found[0]);
-    }
-    for x in [f32::INFINITY, f32::NEG_INFINITY, f32::NAN] {
-        assert_ne!(sum(gpu, &[1.0, x], 1, scale).1 & FIXED_LOST, 0, "{x} is refused");
+    for gpu in &devices() {
+        let scale = (1_u64 << 40) as f32;
+        // What fills the lower word.
+        let word = (1_u64 << 32) as f32;
+        for x in [
+            0.0,
+            1.0,
+            -1.0,
+            1e-12,
+            -1e-12,
+            16383.0,
+            -16383.0,
+            0.999_999_94,
+            word.next_down() / scale,
+            word / scale,
+            -word / scale,
+        ] {
+            let (found, status) = sum(gpu, &[x], 1, scale);
+            let expected = ((f64::from(x) * f64::from(scale)).round() / f64::from(scale)) as f32;
+            assert!(status == 0 && found[0] == expected, "{x}: {} {expected}", found[0]);
+            assert_eq!(sum(gpu, &[x, -x], 1, scale).0, [0.0], "{x}");
+        }
+        // What is 2^40 times as large as the largest number is limited, too.
+        for (x, limited) in
+            [(16384.0, 0), (16385.0, FIXED_LIMITED), (-1e30, FIXED_LIMITED), (f32::MAX, FIXED_LIMITED)]
+        {
+            let (found, status) = sum(gpu, &[1.0, x], 1, scale);
+            assert_eq!(status, limited, "{x}");
+            assert!(found[0] == 1.0 + 16384_f32.copysign(x), "{x} ends at the limit: {}", found[0]);
+        }
+        for x in [f32::INFINITY, f32::NEG_INFINITY, f32::NAN] {
+            assert_ne!(sum(gpu, &[1.0, x], 1, scale).1 & FIXED_LOST, 0, "{x} is refused");
+        }
     }
 }
 
 #[test]
 #[ignore = "gpu: needs an adapter"]
 fn sums_that_may_leave_their_range_are_told_in_any_order() {
-    let (gpu, scale) = (test_device(), (1_u64 << 40) as f32);
-    let of = |terms: &[f32], sums: usize| {
-        let (found, status) = sum(gpu, terms, sums, scale);
-        (found, status & FIXED_LOST != 0)
-    };
-    let largest = 16384.0_f32;
-    let of_both = |up: usize, down: usize| [vec![largest; up], vec![-largest; down]].concat();
-    let turns = |n: usize| -> Vec<f32> { (0..2 * n).map(|i| [largest, -largest][i % 2]).collect() };
-    // As many of one sign as fit, and one more; of either sign, whatever comes first.
-    assert_eq!(of(&of_both(255, 0), 1), (vec![255.0 * largest], false));
-    assert_eq!(of(&of_both(0, 255), 1), (vec![-255.0 * largest], false));
-    assert_eq!(of(&of_both(255, 255), 1), (vec![0.0], false));
-    assert_eq!(of(&turns(255), 1), (vec![0.0], false));
-    for terms in [of_both(256, 0), of_both(0, 256), of_both(256, 256), turns(256)] {
-        assert!(of(&terms, 1).1, "{} terms", terms.len());
+    let scale = (1_u64 << 40) as f32;
+    for gpu in &devices() {
+        let of = |terms: &[f32], sums: usize| {
+            let (found, status) = sum(gpu, terms, sums, scale);
+            (found, status & FIXED_LOST != 0)
+        };
+        let largest = 16384.0_f32;
+        let of_both = |up: usize, down: usize| [vec![largest; up], vec![-largest; down]].concat();
+        let turns = |n: usize| -> Vec<f32> { (0..2 * n).map(|i| [largest, -largest][i % 2]).collect() };
+        // As many of one sign as fit, and one more; of either sign, whatever comes first.
+        assert_eq!(of(&of_both(255, 0), 1), (vec![255.0 * largest], false));
+        assert_eq!(of(&of_both(0, 255), 1), (vec![-255.0 * largest], false));
+        assert_eq!(of(&of_both(255, 255), 1), (vec![0.0], false));
+        assert_eq!(of(&turns(255), 1), (vec![0.0], false));
+        for terms in [of_both(256, 0), of_both(0, 256), of_both(256, 256), turns(256)] {
+            assert!(of(&terms, 1).1, "{} terms", terms.len());
+        }
+        // Sums that are 0 modulo 2^64, and modulo 2^64 within the range.
+        assert!(of(&of_both(1024, 0), 1).1 && of(&of_both(1040, 0), 1).1 && of(&of_both(0, 2048), 1).1);
+        // Not by a few that reach the limit, but by many that are less.
+        assert!(!of(&[64.0; 65_000], 1).1 && of(&[64.0; 66_000], 1).1);
+        // Small ones beside them, with a carry each.
+        let small = [vec![0.003_906; 50_000], of_both(255, 0)].concat();
+        let (found, lost) = of(&small, 1);
+        let expected = 255.0 * largest + 50_000.0 * 0.003_906;
+        assert!(!lost && (found[0] / expected - 1.0).abs() < 1e-6, "{} {expected}", found[0]);
+        // 16 sums share a count; others have their own.
+        assert!(of(&[largest; 16 * 16], 16).1 && !of(&[largest; 16 * 15], 16).1);
+        let mut apart = vec![0.0; 32 * 200];
+        for row in apart.chunks_mut(32) {
+            (row[15], row[16]) = (largest, largest);
+        }
+        assert!(!of(&apart, 32).1, "200 of each count");
+        apart.chunks_mut(32).for_each(|row| row[17] = largest);
+        assert!(of(&apart, 32).1, "400 of the second one");
     }
-    // Sums that are 0 modulo 2^64, and modulo 2^64 within the range.
-    assert!(of(&of_both(1024, 0), 1).1 && of(&of_both(1040, 0), 1).1 && of(&of_both(0, 2048), 1).1);
-    // Not by a few that reach the limit, but by many that are less.
-    assert!(!of(&[64.0; 65_000], 1).1 && of(&[64.0; 66_000], 1).1);
-    // Small ones beside them, with a carry each.
-    let small = [vec![0.003_906; 50_000], of_both(255, 0)].concat();
-    let (found, lost) = of(&small, 1);
-    let expected = 255.0 * largest + 50_000.0 * 0.003_906;
-    assert!(!lost && (found[0] / expected - 1.0).abs() < 1e-6, "{} {expected}", found[0]);
-    // 16 sums share a count; others have their own.
-    assert!(of(&[largest; 16 * 16], 16).1 && !of(&[largest; 16 * 15], 16).1);
-    let mut apart = vec![0.0; 32 * 200];
-    for row in apart.chunks_mut(32) {
-        (row[15], row[16]) = (largest, largest);
-    }
-    assert!(!of(&apart, 32).1, "200 of each count");
-    apart.chunks_mut(32).for_each(|row| row[17] = largest);
-    assert!(of(&apart, 32).1, "400 of the second one");
 }
 
 #[test]
@@ -284,7 +315,7 @@ fn sources_of_copies_change_from_run_to_run() {
 #[ignore = "gpu: needs an adapter"]
 fn a_device_that_is_used_in_part_has_no_more() {
     let choice = Choice::Named(test_device().report().name.clone());
-    let gpu = &Gpu::within(&choice, Caps { binding: 1 << 10, memory: 4 << 10 }).expect("opens");
+    let gpu = &Gpu::within(&choice, Caps { binding: 1 << 10, memory: 4 << 10, ..Caps::NONE }).expect("opens");
     let large = gpu.zeros::<u32>("large", 257).expect_err("larger than a binding");
     assert!(matches!(large, GpuError::TooLarge { bytes: 1028, limit: 1024, .. }) && large.is_of_size());
     assert!(large.to_string().contains("maxStorageBufferBindingSize"), "{large}");

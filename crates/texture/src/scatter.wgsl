@@ -6,11 +6,17 @@
 // memory at once.
 
 const NO_SUM: u32 = 0xffffffffu;
-// Eight taps of a lane: texels, then weights. Odd numbers a lane, so that lanes write to different banks.
-const TAPS_PITCH: u32 = 17u;
+const NO_TAPS: u32 = 0xffffffffu;
 
-var<workgroup> taps_of_lanes: array<u32, 1088>;
-var<workgroup> gradients_of_lanes: array<f32, 1088>;
+// Four taps each: those of the fine level, then those of the coarse one. First sums of texels, or NO_TAPS, and weights.
+var<workgroup> taps_of_lanes: array<vec4<u32>, 128>;
+var<workgroup> weights_of_lanes: array<vec4<f32>, 128>;
+// Sixteen a lane, turned by its number, so that lanes write to different banks.
+var<workgroup> gradients_of_lanes: array<f32, 1024>;
+
+fn place_of_gradient(lane: u32, channel: u32) -> u32 {
+    return 16u * lane + ((channel + lane) & 15u);
+}
 
 // By the bits: comparisons may take what is not a number for zero, and it must reach the status of the sums.
 fn is_zero(x: f32) -> bool {
@@ -19,31 +25,24 @@ fn is_zero(x: f32) -> bool {
 
 // The lane has no lookup.
 fn keep_no_taps(lane: u32) {
-    taps_of_lanes[lane * TAPS_PITCH + 16u] = 0u;
+    taps_of_lanes[lane] = vec4<u32>(NO_TAPS);
 }
 
 // Keeps a lookup of a lane and its gradient for `scatter_lanes`.
 fn keep_taps(lane: u32, at: Lookup, g: Texel) {
-    let first = lane * TAPS_PITCH;
-    let near = bitcast<vec4<u32>>(tap_weights(at.fine) * (1.0 - at.share));
-    let far = bitcast<vec4<u32>>(tap_weights(at.coarse) * at.share);
-    for (var k = 0u; k < 4u; k++) {
-        taps_of_lanes[first + k] = at.fine.index[k];
-        taps_of_lanes[first + 4u + k] = at.coarse.index[k];
-        taps_of_lanes[first + 8u + k] = near[k];
-        taps_of_lanes[first + 12u + k] = far[k];
+    taps_of_lanes[lane] = at.fine.index * params.maps.channels;
+    weights_of_lanes[lane] = tap_weights(at.fine) * (1.0 - at.share);
+    taps_of_lanes[lane + 64u] = vec4<u32>(NO_TAPS);
+    if at.share > 0.0 {
+        taps_of_lanes[lane + 64u] = at.coarse.index * params.maps.channels;
+        weights_of_lanes[lane + 64u] = tap_weights(at.coarse) * at.share;
     }
-    taps_of_lanes[first + 16u] = select(4u, 8u, at.share > 0.0);
     for (var q = 0u; q < 4u; q++) {
         let column = g[q];
         for (var c = 0u; c < 4u; c++) {
-            gradients_of_lanes[first + 4u * q + c] = column[c];
+            gradients_of_lanes[place_of_gradient(lane, 4u * q + c)] = column[c];
         }
     }
-}
-
-fn taps_from(at: u32) -> vec4<u32> {
-    return vec4<u32>(taps_of_lanes[at], taps_of_lanes[at + 1u], taps_of_lanes[at + 2u], taps_of_lanes[at + 3u]);
 }
 
 // Adds what all lanes have kept; after a barrier.
@@ -53,16 +52,18 @@ fn scatter_lanes(lane: u32) {
     if slot == NO_SUM {
         return;
     }
+    let scale = params.maps.scale;
+    let large = fixed_large(scale);
     for (var other = lane >> 4u; other < 64u; other += 4u) {
-        let first = other * TAPS_PITCH;
-        let count = taps_of_lanes[first + 16u];
-        let g = gradients_of_lanes[first + channel];
-        if count == 0u || is_zero(g) {
+        let fine = taps_of_lanes[other];
+        let g = gradients_of_lanes[place_of_gradient(other, channel)];
+        if fine.x == NO_TAPS || is_zero(g) {
             continue;
         }
-        for (var k = 0u; k < count; k += 4u) {
-            let at = taps_from(first + k) * params.maps.channels + slot;
-            add_fixed_4(at, g * bitcast<vec4<f32>>(taps_from(first + 8u + k)), params.maps.scale);
+        add_fixed_4(fine + slot, g * weights_of_lanes[other], scale, large);
+        let coarse = taps_of_lanes[other + 64u];
+        if coarse.x != NO_TAPS {
+            add_fixed_4(coarse + slot, g * weights_of_lanes[other + 64u], scale, large);
         }
     }
 }

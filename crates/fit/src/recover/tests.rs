@@ -190,7 +190,7 @@ fn a_device_with_less_memory_draws_bands_and_the_plan_says_so() {
     photograph(&scene, dir.path(), false);
     let output = dir.path().join("out.glb");
     let within = |memory: u64| {
-        let caps = photofit_gpu::Caps { binding: u64::MAX, memory };
+        let caps = photofit_gpu::Caps { memory, ..photofit_gpu::Caps::NONE };
         let device = Device::gpu(photofit_gpu::Gpu::within(&name, caps).unwrap(), true, "asked for");
         let few = RecoverOptions { texture_size: 16, steps: 8, device, ..options() };
         recover_texture(dir.path(), &scene, &output, &few, &Silent)

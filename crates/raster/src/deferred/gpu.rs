@@ -29,7 +29,7 @@ macro_rules! layer_kernel {
                 Z_CURVE,
                 photofit_scalar::WGSL,
                 FIXED,
-                fixed_adding!("add_vertex", "vertex_sums"),
+                fixed_adding!("add_vertex", "vertex_term", "vertex_sums"),
                 LOOKUP,
                 SCATTER,
                 photofit_shading::gpu::WGSL,

@@ -10,7 +10,7 @@ const HYBRID: Model = Model::Variational(VariationalModel::Hybrid);
 
 /// A device of which no more than some bytes are used.
 fn within(binding: u64, memory: u64) -> Gpu {
-    Gpu::within(&super::choice(), Caps { binding, memory }).expect("a device")
+    Gpu::within(&super::choice(), Caps { binding, memory, ..Caps::NONE }).expect("a device")
 }
 
 #[test]

@@ -28,6 +28,9 @@ use std::sync::Arc;
 const GRADIENT: f64 = 1e-3;
 /// Relative difference of the loss.
 const LOSS: f64 = 1e-4;
+/// Gradients of pictures in bands, whose centres are rounded otherwise, so that a sample on an edge may show another triangle.
+/// Seen on an NVIDIA H100: 1.4e-3.
+const GRADIENT_IN_BANDS: f64 = 3e-3;
 /// Largest difference of pixels but for a few on edges.
 const PIXELS: f32 = 1e-3;
 
@@ -433,7 +436,8 @@ fn tests_on_a_device_pass_where_there_is_one() {
 fn what_a_device_cannot_bind_is_told_with_its_limit_and_the_option() {
     let choice = photofit_gpu::Choice::Named(test_device().report().name.clone());
     let limit = 4 << 20;
-    let gpu = &Gpu::within(&choice, photofit_gpu::Caps { binding: limit, memory: u64::MAX }).unwrap();
+    let gpu =
+        &Gpu::within(&choice, photofit_gpu::Caps { binding: limit, ..photofit_gpu::Caps::NONE }).unwrap();
     // More samples in few rows than a binding takes, four in a pixel.
     let mut large = shots(Sampling::SUPERSAMPLED, 16);
     large[0].width = 1 << 13;

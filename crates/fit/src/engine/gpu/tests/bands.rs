@@ -20,8 +20,9 @@ fn differences(a: &Gradients, b: &Gradients) -> [f64; 3] {
     [(a.0 / b.0 - 1.0).abs(), difference(&a.1, &b.1), difference(&a.2, &b.2)]
 }
 
-fn agree(d: [f64; 3]) -> bool {
-    d[0] < LOSS && d[1] < GRADIENT && d[2] < GRADIENT
+fn assert_agree(what: impl std::fmt::Display, d: [f64; 3]) {
+    assert_twin("LOSS", &what, d[0], LOSS);
+    assert_twin("GRADIENT_IN_BANDS", &what, d[1].max(d[2]), GRADIENT_IN_BANDS);
 }
 
 #[test]
@@ -41,8 +42,7 @@ fn gradients_of_pictures_in_bands_agree() {
             [on_cpu(&s, &shots, loss), on_device(gpu, &s, &shots, loss)].map(|a| differences(&a, &b));
         for (of, d) in [("CPU", cpu), ("whole pictures", whole)] {
             let what = format!("bands and {of}, sheets {sheets}, {sampling:?}, {name}");
-            assert_twin("LOSS", &what, d[0], LOSS);
-            assert_twin("GRADIENT_IN_BANDS", &what, d[1].max(d[2]), GRADIENT);
+            assert_agree(what, d);
         }
         assert!(gradients(&mut in_bands(gpu, &s, &shots, 2), &shots, loss) == b, "the same bits again");
     }
@@ -79,25 +79,25 @@ fn a_device_without_room_for_a_picture_draws_bands() {
         let g = gradients(&mut model, &shots, loss);
         (g, model.bands().get(), gpu.held())
     };
-    let (whole, bands, taken) = within(Caps { binding: u64::MAX, memory: u64::MAX });
+    let (whole, bands, taken) = within(Caps::NONE);
     assert_eq!(bands, 1);
     // A binding holds the maps, but not 16 bytes for each of four samples in a pixel.
     let binding = 16 * 4 * 256 * 256 - 4;
-    let (parts, bands, _) = within(Caps { binding, memory: u64::MAX });
+    let (parts, bands, _) = within(Caps { binding, ..Caps::NONE });
     assert_eq!(bands, 2, "buffers that are too large");
     let forced = gradients(&mut in_bands(test_device(), &s, &shots, 1), &shots, loss);
     assert!(parts == forced, "the same bits in as many bands");
-    assert!(agree(differences(&whole, &parts)));
+    assert_agree("two bands", differences(&whole, &parts));
     // A little less memory than it takes, and a lot.
     let mut before = 1;
     for less in [taken / 16, taken / 2] {
-        let (parts, bands, now) = within(Caps { memory: taken - less, binding: u64::MAX });
+        let (parts, bands, now) = within(Caps { memory: taken - less, ..Caps::NONE });
         println!("{taken} bytes as a whole, {now} in {bands} bands");
         assert!(bands > before && now <= taken - less, "{bands} bands, {now}");
-        assert!(agree(differences(&whole, &parts)));
+        assert_agree(format!("{bands} bands"), differences(&whole, &parts));
         before = bands;
     }
-    let gpu = Gpu::within(&choice, Caps { memory: taken / 8, binding: u64::MAX }).unwrap();
+    let gpu = Gpu::within(&choice, Caps { memory: taken / 8, ..Caps::NONE }).unwrap();
     let told = GpuSurface::new(&gpu, s.clone(), &shots).unwrap_err().to_string();
     assert!(told.contains("out of device memory"), "{told}");
 }
@@ -110,7 +110,7 @@ fn a_reference_makes_room_before_pictures_are_drawn_in_bands() {
     let n = Normalised::new(&spheres()).unwrap();
     let on_cpu = Rasterized::new(&n.flat, &n.library).sampled(2);
     let setup = Orbit::new(0, &Lighting::Mixed, 256).setup(Set::Train, 2, 0);
-    let within = |memory: u64| Gpu::within(&choice, Caps { memory, binding: u64::MAX }).unwrap();
+    let within = |memory: u64| Gpu::within(&choice, Caps { memory, ..Caps::NONE }).unwrap();
     let alone = within(u64::MAX);
     let whole = GpuSurface::new(&alone, s.clone(), &shots).unwrap();
     let needed = alone.held();
