@@ -66,6 +66,14 @@ fn sum(gpu: &Gpu, terms: &[f32], sums: usize, scale: f32) -> (Vec<f32>, u32) {
     (gpu.read(&out).expect("read"), status)
 }
 
+/// Numbers in [0, 1), by a seed.
+fn uniform(mut state: u64) -> impl FnMut() -> f32 {
+    move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f32 / (1 << 24) as f32
+    }
+}
+
 /// The device of the tests, which adds words of 64 bits if it can, and the same without.
 fn devices() -> [Gpu; 2] {
     let choice = Choice::Named(test_device().report().name.clone());
@@ -75,11 +83,7 @@ fn devices() -> [Gpu; 2] {
 #[test]
 #[ignore = "gpu: needs an adapter"]
 fn sums_by_words_of_32_and_64_bits_are_the_same() {
-    let mut state = 3_u64;
-    let mut random = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 40) as f32 / (1 << 24) as f32
-    };
+    let mut random = uniform(3);
     let scale = (1_u64 << 40) as f32;
     for (largest, lost) in [(10.0, false), (1e5, true)] {
         let mut terms: Vec<f32> = (0..50_000)
@@ -102,11 +106,7 @@ fn tests_on_a_device_pass_where_there_is_one() {
 #[ignore = "gpu: needs an adapter"]
 fn fixed_sums_are_exact_in_any_order() {
     for gpu in &devices() {
-        let mut state = 7_u64;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 40) as f32 / (1 << 24) as f32
-        };
+        let mut random = uniform(7);
         // Signs and sizes mixed, from 1e-9 to 1e3.
         let terms: Vec<f32> =
             (0..100_000).map(|_| (random() - 0.5) * 10_f32.powi((random() * 12.0) as i32 - 9)).collect();

@@ -42,8 +42,8 @@ pub(crate) const SIMILARITY_GRADIENT: f64 = 2e-5;
 /// operations; the share of a mip level is known to some 1e-6.
 pub(crate) const SHADED: f64 = 5e-5;
 /// Gradients of a shaded layer, as above: terms of both signs are summed in `f32` on the CPU, per texel up to hundreds.
-/// Seen on an H100: 1.8e-3, positions at 16 samples a pixel; 5.8e-4 since its sums have words of 64 bits.
-pub(crate) const SHADED_VJP: f64 = 4e-3;
+/// Seen on an H100: 5.8e-4; 1.8e-3 of earlier kernels, positions at 16 samples a pixel, why is not known.
+pub(crate) const SHADED_VJP: f64 = 1e-3;
 /// Both, of meshes with corners behind the eye and surfaces as smooth as can be: lobes narrower than what the rounding of
 /// normals turns them by.
 pub(crate) const SHADED_BROKEN: f64 = 2e-2;

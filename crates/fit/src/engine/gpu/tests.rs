@@ -28,8 +28,8 @@ use std::sync::Arc;
 const GRADIENT: f64 = 1e-3;
 /// Relative difference of the loss.
 const LOSS: f64 = 1e-4;
-/// Gradients of pictures in bands, whose centres are rounded otherwise, so that a sample on an edge may show another triangle.
-/// Seen on an NVIDIA H100: 1.4e-3.
+/// Gradients of pictures in bands, relative. Seen on an NVIDIA H100: 1.4e-3, more than of whole pictures (2.0e-4); the cause is not
+/// known.
 const GRADIENT_IN_BANDS: f64 = 3e-3;
 /// Largest difference of pixels but for a few on edges.
 const PIXELS: f32 = 1e-3;
