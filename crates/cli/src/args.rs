@@ -23,6 +23,7 @@ pub(crate) use surface::{Surface, SurfaceMethod, UpAxis};
 
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
+use photofit_fit::engine::judge::JudgeRenderer;
 use photofit_fit::engine::trainer::Keeping;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -193,10 +194,20 @@ pub(crate) enum FitJudge {
     Path,
 }
 
+impl From<FitJudge> for JudgeRenderer {
+    fn from(judge: FitJudge) -> Self {
+        match judge {
+            FitJudge::Auto => Self::Auto,
+            FitJudge::Raster => Self::Raster,
+            FitJudge::Path => Self::Path,
+        }
+    }
+}
+
 /// How much work a fit does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum FitEffort {
-    /// 250 steps from one start, pictures of the asset with a quarter of the samples, two views of the report.
+    /// 250 steps from one start, pictures of the asset with a quarter of the samples, four views of the report.
     Fast,
     /// At most 1000 steps from the better of two starts, eight views of the report.
     Normal,
@@ -284,6 +295,9 @@ pub(crate) struct Compare {
     /// Width and height of the views of two assets, pixels [range: 16 to 4096] [default: 512].
     #[arg(long, value_name = "PX", value_parser = whole::<u32>(16..=4096))]
     pub(crate) resolution: Option<u32>,
+    /// Who draws two assets [default: auto].
+    #[arg(long, value_enum, value_name = "RENDERER")]
+    pub(crate) judge: Option<FitJudge>,
     /// Threads; the figures are the same for any number [range: 1 to 1024] [default: all cores].
     #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub(crate) threads: Option<u16>,
@@ -292,7 +306,11 @@ pub(crate) struct Compare {
 impl Compare {
     /// Whether the options belong to what is compared.
     fn check(&self) -> Result<(), String> {
-        let given = [("--views", self.views.is_some()), ("--resolution", self.resolution.is_some())];
+        let given = [
+            ("--views", self.views.is_some()),
+            ("--resolution", self.resolution.is_some()),
+            ("--judge", self.judge.is_some()),
+        ];
         match given.into_iter().find(|g| g.1) {
             Some((name, _)) if !crate::compare::is_asset(&self.reference) => {
                 Err(format!("{name} belongs to two assets; an image is compared as it is"))

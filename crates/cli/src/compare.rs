@@ -7,7 +7,7 @@ use crate::progress::{Terminal, say_warnings};
 use crate::{memory, threads};
 use anyhow::{Result, anyhow, bail};
 use photofit_fit::compare::compare_assets;
-use photofit_fit::engine::judge::{BEST_PSNR, Judged, Quality, ViewQuality};
+use photofit_fit::engine::judge::{BEST_PSNR, JudgeRenderer, Judged, Quality, ViewQuality};
 use photofit_fit::footprint::Task;
 use photofit_image::{
     DEFAULT_PIXELS_PER_DEGREE, Image, contact_sheet, flip, heatmap, psnr_from_mse, rmse, ssim, to_display,
@@ -88,8 +88,9 @@ pub(crate) fn run(a: &Compare) -> Result<()> {
             .for_each(|(i, v)| text += &v.row(&format!("view {}", i + 1), drawn.is_some()));
     }
     text += &mean.row(if views.len() > 1 { "mean" } else { "" }, drawn.is_some());
-    if drawn == Some(PATH_TRACED) {
-        text += "path traced, at most 256 pixels wide: the rasterizer does not draw all of these materials\n";
+    if let Some(drawn) = &drawn {
+        let width = if drawn.how == PATH_TRACED { ", at most 256 pixels wide" } else { "" };
+        text += &format!("{}{width}: {}\n", drawn.how, drawn.why);
     }
     if let Some(file) = &a.heatmap {
         write_png(file, &heat)?;
@@ -100,7 +101,7 @@ pub(crate) fn run(a: &Compare) -> Result<()> {
         value["reference"] = json!(a.reference.display().to_string());
         value["candidate"] = json!(a.candidate.display().to_string());
         value["kind"] = json!(kind);
-        value["drawn"] = json!(drawn);
+        value["drawn"] = json!(drawn.map(|d| d.how));
         if views.len() > 1 {
             value["views"] = views.iter().map(Figures::json).collect();
         }
@@ -126,10 +127,16 @@ fn mean(views: &[Figures]) -> Figures {
     }
 }
 
+/// How assets were drawn, and why.
+struct Drawn {
+    how: &'static str,
+    why: String,
+}
+
 /// The kind of what was compared and how it was drawn, the heat map, and the figures of each view.
 struct Compared {
     kind: &'static str,
-    drawn: Option<&'static str>,
+    drawn: Option<Drawn>,
     heat: Image,
     views: Vec<Figures>,
 }
@@ -150,6 +157,7 @@ fn assets(a: &Compare, places: &Places) -> Result<Compared> {
         &candidate,
         a.views.unwrap_or(VIEWS),
         a.resolution.unwrap_or(RESOLUTION) as usize,
+        a.judge.map_or(JudgeRenderer::Auto, Into::into),
         &progress,
     )?;
     progress.finish();
@@ -157,12 +165,13 @@ fn assets(a: &Compare, places: &Places) -> Result<Compared> {
     let maps: Vec<Image> = views.iter().map(|v| heatmap(&v.flip, HEAT)).collect();
     let columns = (maps.len() as f64).sqrt().ceil() as usize;
     let sheet = contact_sheet(&maps.iter().collect::<Vec<_>>(), columns, 4);
-    let drawn = match compared.method {
+    let how = match compared.method {
         Judged::PathTraced => PATH_TRACED,
         Judged::Rasterized | Judged::RasterizedAgainst(_) => "rasterized",
     };
     let views = views.iter().map(Figures::of).collect();
-    Ok(Compared { kind: "assets", drawn: Some(drawn), heat: sheet, views })
+    let drawn = Some(Drawn { how, why: compared.reason });
+    Ok(Compared { kind: "assets", drawn, heat: sheet, views })
 }
 
 fn images(a: &Compare) -> Result<Compared> {

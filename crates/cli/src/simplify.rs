@@ -1,7 +1,7 @@
 //! `photofit simplify`: the main job.
 
 use crate::args::{
-    FitEffort, FitJudge, FitReference, FitWith, GeometryFormat, MipLevels, OcclusionMaps, Simplify, Start,
+    FitEffort, FitReference, FitWith, GeometryFormat, MipLevels, OcclusionMaps, Simplify, Start,
     TextureFormat,
 };
 use crate::fields::{Command, SIMPLIFY, explain_error, misuse};
@@ -203,11 +203,7 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
             OcclusionMaps::Bake => Occlusion::Rays(OcclusionRays::default()),
             OcclusionMaps::None => Occlusion::None,
         },
-        judge: match a.judge {
-            FitJudge::Auto => JudgeRenderer::Auto,
-            FitJudge::Raster => JudgeRenderer::Raster,
-            FitJudge::Path => JudgeRenderer::Path,
-        },
+        judge: a.judge.into(),
         judge_spp: a.judge_spp,
         seed: a.running.seed,
         max_bytes: a.max_bytes,

@@ -14,11 +14,13 @@ pub struct Comparison {
     pub views: Vec<ViewQuality>,
     /// How their pictures were made.
     pub method: Judged,
+    /// Why so.
+    pub reason: String,
 }
 
 /// Renders `reference` and `candidate` from the `views` cameras and lights of a report (seed 0, a point light), framed
-/// on the reference, as pictures of `resolution` pixels a side, and compares them. Where a material of either needs
-/// what the rasterizer lacks, both are path traced, at most 256 pixels wide.
+/// on the reference, as pictures of `resolution` pixels a side, and compares them. `renderer` draws both, those that are path
+/// traced at most 256 pixels wide.
 ///
 /// # Errors
 /// A reference without an extent, or what the path tracer refuses.
@@ -27,6 +29,7 @@ pub fn compare_assets(
     candidate: &Scene,
     views: u64,
     resolution: usize,
+    renderer: JudgeRenderer,
     progress: &dyn Progress,
 ) -> Result<Comparison, FitError> {
     let n = Normalised::new(reference)?;
@@ -35,7 +38,7 @@ pub fn compare_assets(
         scene: reference,
         n: &n,
         reference: &Rasterized::new(&n.flat, &n.library),
-        renderer: JudgeRenderer::Auto,
+        renderer,
         spp: SAMPLES,
         lighting: &Lighting::Point,
         size: resolution,
@@ -43,10 +46,10 @@ pub fn compare_assets(
         seed: 0,
     };
     let stages = [Stage::new("candidate", candidate.clone())];
-    let method = judge.method(&stages);
+    let (method, reason) = judge.method_and_reason(&stages);
     let judged = judge.views(&stages, views, progress)?;
     let views = judged.into_iter().flat_map(|v| v.quality);
-    Ok(Comparison { views: views.collect(), method })
+    Ok(Comparison { views: views.collect(), method, reason })
 }
 
 #[cfg(test)]
@@ -72,7 +75,7 @@ mod tests {
     #[test]
     fn an_asset_equals_itself_and_differs_from_a_smaller_one() {
         let quality = |a: &Scene, b: &Scene| {
-            let compared = compare_assets(a, b, 2, 48, &Silent).unwrap();
+            let compared = compare_assets(a, b, 2, 48, JudgeRenderer::Auto, &Silent).unwrap();
             assert_eq!((compared.views.len(), compared.method), (2, Judged::Rasterized));
             (compared.views[0].quality, compared.views[0].rmse)
         };
@@ -97,12 +100,18 @@ mod tests {
         coated.materials[0].extensions =
             Some(Box::new(Extensions { clearcoat: Some(coat), ..Extensions::default() }));
         for (a, b) in [(&plain, &coated), (&coated, &plain)] {
-            let compared = compare_assets(a, b, 2, 48, &Silent).unwrap();
+            let compared = compare_assets(a, b, 2, 48, JudgeRenderer::Auto, &Silent).unwrap();
             assert_eq!(compared.method, Judged::PathTraced);
             let psnr = compared.views[0].quality.psnr;
             assert!(psnr < 40.0 && compared.views[0].rmse > 0.01, "{psnr}");
         }
-        let same = compare_assets(&coated, &coated, 1, 48, &Silent).unwrap();
+        // As asked, without the coat: the two are one; and a plain one is path traced.
+        let asked = |a: &Scene, b: &Scene, renderer| compare_assets(a, b, 1, 48, renderer, &Silent).unwrap();
+        let raster = asked(&plain, &coated, JudgeRenderer::Raster);
+        assert_eq!((raster.method, raster.views[0].rmse.to_bits()), (Judged::Rasterized, 0));
+        let path = asked(&plain, &sphere(8, 2.4), JudgeRenderer::Path);
+        assert!(path.method == Judged::PathTraced && path.views[0].rmse > 0.01);
+        let same = compare_assets(&coated, &coated, 1, 48, JudgeRenderer::Auto, &Silent).unwrap();
         assert_eq!(same.views[0].rmse.to_bits(), 0);
     }
 
@@ -119,7 +128,7 @@ mod tests {
         glaring.materials[0].emissive = [3e38; 3];
         let told = |asset: &Scene| {
             let heard = Heard::default();
-            compare_assets(asset, asset, 2, 32, &heard).unwrap();
+            compare_assets(asset, asset, 2, 32, JudgeRenderer::Auto, &heard).unwrap();
             heard.0.into_inner().unwrap()
         };
         assert_eq!(told(&shining), [""; 0]);

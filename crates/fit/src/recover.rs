@@ -165,6 +165,7 @@ pub fn recover_texture(
         batch: options.batch,
         fresh: options.batch.div_ceil(2),
         steps: options.steps,
+        rival: None,
         keeping: &options.keeping,
         fingerprint: Fingerprint::default()
             .option("texture_size", options.texture_size)

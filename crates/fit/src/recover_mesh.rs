@@ -255,6 +255,7 @@ impl Fit<'_> {
             batch: options.batch,
             fresh: options.batch.div_ceil(2),
             steps,
+            rival: None,
             keeping,
             fingerprint: Fingerprint::default()
                 .option("optimizer", options.optimizer.name())

@@ -182,6 +182,7 @@ pub(crate) fn fit(
         batch: source.fitted().min(MOST_OF_A_STEP),
         fresh: source.fitted().min(MOST_OF_A_STEP).div_ceil(2),
         steps: options.steps,
+        rival: None,
         keeping: &options.keeping,
         fingerprint,
     };

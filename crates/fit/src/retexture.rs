@@ -181,6 +181,7 @@ pub fn retexture(
         batch: options.batch,
         fresh: options.batch.div_ceil(2),
         steps,
+        rival: None,
         keeping: &options.keeping,
         fingerprint: fingerprint(options, &n, &model.surface().candidate, [&own, &theirs])?,
     };
@@ -190,8 +191,7 @@ pub fn retexture(
         rates.extend(moves.then(|| (POSITIONS.into(), rate_of_positions(distance))));
         let fade = fade_over(fitted.fades, [0.0, 1.0]);
         let name = if moves { "shape and maps" } else { "maps" };
-        let phase = Phase { name, first: 0, steps, shrink: 1, rates, fade, reinitialised: None };
-        let phases = vec![phase];
+        let phases = vec![Phase { name, first: 0, steps, shrink: 1, rates, fade, reinitialised: None }];
         plan = PlanRows::new(Vec::new(), &phases);
         phases
     };

@@ -162,6 +162,7 @@ pub fn traced_maps(
         batch: options.batch,
         fresh: options.batch.div_ceil(2),
         steps: options.steps,
+        rival: None,
         keeping: &options.keeping,
         fingerprint: fingerprint(options, &light),
     };

@@ -201,6 +201,7 @@ fn a_displacement_map_joins_the_engine_from_outside() -> Result<(), FitError> {
         batch: 2,
         fresh: 1,
         steps: STEPS,
+        rival: None,
         keeping: &Keeping::default(),
         fingerprint: Fingerprint::default(),
     };

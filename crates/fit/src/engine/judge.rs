@@ -202,6 +202,16 @@ impl Stage {
         scene
     }
 
+    /// Runs `with` on the stage as the rasterizer draws it, with so many samples per axis of a pixel.
+    pub(crate) fn rasterized<R>(
+        &self,
+        light: &LightAsset,
+        samples: usize,
+        with: impl FnOnce(&dyn Reference) -> R,
+    ) -> R {
+        with(&self.drawn(light).sampled(samples))
+    }
+
     fn drawn(&self, light: &LightAsset) -> Drawn<'_> {
         let mut flat = self.scene.flatten();
         if !self.normalised {
@@ -317,8 +327,13 @@ impl std::fmt::Debug for Judge<'_> {
 impl Judge<'_> {
     /// How pictures of the reference and of `stages` are made.
     pub fn method(&self, stages: &[Stage]) -> Judged {
+        self.method_and_reason(stages).0
+    }
+
+    /// The same, and why.
+    pub(crate) fn method_and_reason(&self, stages: &[Stage]) -> (Judged, String) {
         let scenes = stages.iter().map(|s| &s.scene).chain([self.scene]);
-        method(self.renderer, self.reference.kind(), &scenes.flat_map(beyond_rasterizer).collect()).0
+        method(self.renderer, self.reference.kind(), &scenes.flat_map(beyond_rasterizer).collect())
     }
 
     /// Compares stages with the reference in the `views` views of a report; in fewer, but one at least, when the user stops

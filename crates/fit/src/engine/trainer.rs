@@ -28,6 +28,9 @@ pub(crate) const HELD_OUT: u64 = 5;
 const EVALUATE_EVERY: u64 = 25;
 /// Evaluations without progress after which a phase ends.
 const PATIENCE: usize = 6;
+/// A fit is far behind its rival where it is by more than this, in dB, after it gained as much in each step to come as in the
+/// mean of those made: fits gain less and less, and maps that are initialised again bring a little at once.
+const FAR_BEHIND: f64 = 3.0;
 
 /// One evaluation of the held-out views.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,6 +84,8 @@ pub struct Job<'a> {
     pub fresh: usize,
     /// Steps of all phases.
     pub steps: u64,
+    /// Quality, in the held-out views, of what is there without a fit: one that is far behind after a tenth of the steps ends.
+    pub rival: Option<f64>,
     /// Checkpoints and limits.
     pub keeping: &'a Keeping,
     /// The options that the result depends on: a checkpoint of other ones is refused.
@@ -183,6 +188,8 @@ pub struct Trained<A> {
     pub mpix_per_s: f64,
     /// Ended by the user or the time limit.
     pub stopped: bool,
+    /// By how many dB it was behind its rival when it ended early for that.
+    pub behind: Option<f64>,
 }
 
 impl<A> Trained<A> {
@@ -266,13 +273,16 @@ where
     }
     t.go_to_best()?;
     let kept = t.kept();
+    let steps = t.course.step - t.course.skipped;
+    let behind = t.far_behind().filter(|_| steps < job.steps && !stopped);
     Ok(Trained {
         model: t.model.into_asset().map_err(|b| fit_error(b, t.course.step, kept))?,
         history: t.course.history,
-        steps: t.course.step - t.course.skipped,
+        steps,
         resumed,
         mpix_per_s: t.samples / 1e6 / t.step_seconds.max(1e-9),
         stopped,
+        behind,
     })
 }
 
@@ -367,9 +377,14 @@ impl<M: Model> Trainer<'_, M> {
             if over || progress.is_cancelled() {
                 return Ok(true);
             }
-            if self.is_stale(phase) {
-                self.course.skipped += phase.end() - self.course.step;
-                self.course.step = phase.end();
+            let end = match self.far_behind() {
+                Some(_) => self.job.steps,
+                None if self.is_stale(phase) => phase.end(),
+                None => self.course.step,
+            };
+            if end > self.course.step {
+                self.course.skipped += end - self.course.step;
+                self.course.step = end;
                 break;
             }
             self.one_step(phase)?;
@@ -389,6 +404,17 @@ impl<M: Model> Trainer<'_, M> {
         let best = qualities.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let first = qualities.iter().position(|q| *q >= best);
         first.is_some_and(|first| qualities.len() - 1 - first >= PATIENCE)
+    }
+
+    /// By how many dB the best state is behind the rival, where no fit can be expected to make that up.
+    fn far_behind(&self) -> Option<f64> {
+        let (course, rival) = (&self.course, self.job.rival?);
+        let (first, last) = (course.history.first()?, course.history.last()?);
+        if last.step < EVALUATE_EVERY.max(self.job.steps / 10) {
+            return None;
+        }
+        let gain = (course.best_quality - first.quality) * (self.job.steps as f64 / last.step as f64);
+        (first.quality + gain + FAR_BEHIND < rival).then_some(rival - course.best_quality)
     }
 
     fn one_step(&mut self, phase: &Phase<'_, M::Asset>) -> Result<(), FitError> {

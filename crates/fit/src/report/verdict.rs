@@ -122,15 +122,15 @@ impl fmt::Display for Verdict {
         let Some((k, worst)) = &self.worst else { return write!(f, "{}", self.likeness) };
         write!(
             f,
-            "{}: PSNR {} dB, FLIP {:.3} over {} new {}; worst view {}: {} dB, FLIP {:.3}",
+            "{}: PSNR {} dB, FLIP {:.3} over {} new {}; worst FLIP {:.3} ({} dB) in view {}",
             self.likeness,
             self.mean.decibels(1),
             self.mean.flip,
             self.views,
             if self.views == 1 { "view" } else { "views" },
-            k + 1,
+            worst.flip,
             worst.decibels(1),
-            worst.flip
+            k + 1
         )?;
         if let Some(original) = &self.original {
             write!(f, "; the asset itself drawn so: {} dB, FLIP {:.3}", original.decibels(1), original.flip)?;
@@ -265,7 +265,7 @@ mod tests {
         let text = of(&[0.02, 0.06]).to_string();
         assert_eq!(
             text,
-            "looks close: PSNR 36.0 dB, FLIP 0.040 over 2 new views; worst view 2: 34.0 dB, FLIP 0.060"
+            "looks close: PSNR 36.0 dB, FLIP 0.040 over 2 new views; worst FLIP 0.060 (34.0 dB) in view 2"
         );
     }
 }

@@ -2,6 +2,7 @@
 
 use super::byte_budget::Shapes;
 use super::prepare::{Start, bake_candidate};
+use super::rival::Rival;
 use super::{Asset, SimplifyOptions, Written, plain};
 use crate::bake;
 use crate::candidate::Candidate;
@@ -74,7 +75,7 @@ pub(super) struct Chosen {
 pub(super) fn best(
     asset: Asset<'_>,
     trained: Trained<Surface>,
-    (starts, start): (&[Start], usize),
+    (starts, start, rival): (&[Start], usize, Rival),
     reference: &dyn Reference,
     options: &SimplifyOptions,
     progress: &dyn Progress,
@@ -85,7 +86,7 @@ pub(super) fn best(
     }
     progress.report("choose", 0, options.choice_views(), "fewer triangles alone");
     let as_many = Target::Triangles(starts[start].candidate.triangles.len());
-    let plain = plain::decimated(scene, n, &[], &plain::own(as_many, n, options))?;
+    let plain = rival.into_stage(asset);
     let mut own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
     let trained_steps = trained.steps;
     let mut models = vec![trained.model.clone(), trained.model];

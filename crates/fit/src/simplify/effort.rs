@@ -49,7 +49,7 @@ impl Effort {
             Work { steps: 1000, choice_views: 4, report_views: 8, coarser: 1, compares_starts: true };
         match self {
             Self::Fast => {
-                Work { steps: 250, choice_views: 2, report_views: 2, coarser: 2, compares_starts: false }
+                Work { steps: 250, choice_views: 2, report_views: 4, coarser: 2, compares_starts: false }
             }
             Self::Normal => normal,
             Self::Best => Work { steps: 4000, ..normal },
@@ -126,7 +126,7 @@ mod tests {
         };
         let fast = run(Effort::Fast, false).unwrap();
         assert_eq!(stages(&fast), ["decimated", "wrapped", "fitted"]);
-        assert_eq!((fast.effort, fast.steps, fast.views.len()), (Effort::Fast, 3, 2));
+        assert_eq!((fast.effort, fast.steps, fast.views.len()), (Effort::Fast, 3, 4));
         match run(Effort::Normal, true) {
             Err(FitError::OtherFit { differences, .. }) => {
                 assert!(differences.iter().any(|d| d.field == "effort"), "{differences:?}");

@@ -78,8 +78,15 @@ pub(super) fn simplify(
     let shape = stand_in(written, n.frame());
     let fitted = SurfacePlan::new(&shape, options.asked(reference.kind()));
     let model = Surface::new(shape, &fitted);
-    let trained =
-        Trained { model, history: Vec::new(), steps: 0, resumed: 0, mpix_per_s: 0.0, stopped: false };
+    let trained = Trained {
+        model,
+        history: Vec::new(),
+        steps: 0,
+        resumed: 0,
+        mpix_per_s: 0.0,
+        stopped: false,
+        behind: None,
+    };
     let times = Times { all: began.elapsed().as_secs_f64(), to_file };
     let judged = judge.method(&stages);
     let mut made = Outcome::new(triangles, trained, plan, &names, views, judged, times, options);

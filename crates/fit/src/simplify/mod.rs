@@ -20,6 +20,7 @@ mod plain;
 mod plan;
 pub(crate) mod prepare;
 mod reference;
+mod rival;
 pub(crate) mod shrink_wrap;
 mod surfacing;
 mod texture_space;
@@ -66,6 +67,7 @@ use outcome::Times;
 use photofit_geometry::decimate::Target;
 use photofit_scene::Scene;
 use prepare::Start;
+use rival::Rival;
 use std::path::Path;
 use std::time::Instant;
 
@@ -194,6 +196,7 @@ pub(crate) fn simplify_asset(
     let surface = SurfacePlan::new(&start.candidate, options.asked(reference.kind()));
     let plan = plan.with_loss(loss, held_out.noise).with_maps(surface.clone()).with_outline(starts.row);
     let keeping = through_path::keeping_before(options);
+    let rival = Rival::new(asset, &start.candidate, (&held_out, &views, sampling), options)?;
     let job = Job {
         reference,
         views: &views,
@@ -204,6 +207,7 @@ pub(crate) fn simplify_asset(
         batch: options.pictures_per_step(),
         fresh: options.batch.div_ceil(2),
         steps: options.steps,
+        rival: rival.quality,
         keeping: &keeping,
         fingerprint: fingerprint(options, backs.share, &start.candidate),
     };
@@ -226,7 +230,8 @@ pub(crate) fn simplify_asset(
         progress,
     )?;
     let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
-    let chosen = choice::best(asset, trained, (&all[..], starts.best), judged, options, progress)?;
+    let behind = trained.behind;
+    let chosen = choice::best(asset, trained, (&all[..], starts.best, rival), judged, options, progress)?;
     if options.surfacing == Surfacing::VertexColors {
         outcome::tell_detail(&chosen.trained.model.candidate, n, progress);
     }
@@ -247,6 +252,7 @@ pub(crate) fn simplify_asset(
     let told = options.judgement(given).made(pictures.len(), stages_beside(&stages));
     let plan =
         plan.with_judgement(told).with_result(written, [trained.steps, trained.reached()], traced_maps.row());
+    let plan = plan.with_behind(behind);
     let mut outcome =
         Outcome::new(triangles, trained, plan, &names, pictures, judge.method(&stages), times, options);
     outcome.device = device.name();

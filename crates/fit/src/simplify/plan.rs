@@ -71,6 +71,8 @@ struct Ended {
     steps: u64,
     /// The step up to which it came.
     reached: u64,
+    /// By how many dB it was behind fewer triangles alone when it ended early for that.
+    behind: Option<f64>,
 }
 
 impl FitPlan {
@@ -190,7 +192,13 @@ impl FitPlan {
         [steps, reached]: [u64; 2],
         traced_maps: Option<Item>,
     ) -> Self {
-        Self { traced_maps, result: Some(Ended { written, steps, reached }), ..self }
+        Self { traced_maps, result: Some(Ended { written, steps, reached, behind: None }), ..self }
+    }
+
+    /// Adds to the result by how many dB the fit was behind fewer triangles alone, where it ended early for that.
+    #[must_use]
+    pub(crate) fn with_behind(self, behind: Option<f64>) -> Self {
+        Self { result: self.result.map(|r| Ended { behind, ..r }), ..self }
     }
 
     /// Adds the phases of the fit.
@@ -223,7 +231,7 @@ impl FitPlan {
         if self.surfacing != Some(Surfacing::Kept) {
             items.extend(self.result.map(|r| written(r, self.surfacing)));
             let steps = self.choices.as_ref().zip(self.result).filter(|(c, _)| c.steps > 0);
-            items.extend(steps.map(|(c, r)| rows::steps(r.steps, c.steps)));
+            items.extend(steps.map(|(c, r)| rows::steps(r.steps, c.steps, r.behind)));
             let none = self.choices.as_ref().and_then(|c| c.why_none);
             items.extend(none.map(|why| Item { what: "steps", runs: Runs::No, why: why.into() }));
             items.extend(self.unseen.map(rows::unseen));

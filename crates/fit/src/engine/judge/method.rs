@@ -12,7 +12,7 @@ pub(crate) fn method(
     beyond: &BTreeSet<&'static str>,
 ) -> (Judged, String) {
     let names = || beyond.iter().copied().collect::<Vec<_>>().join(", ");
-    let not_drawn = || if beyond.is_empty() { String::new() } else { format!("; {} are not drawn", names()) };
+    let not_drawn = || if beyond.is_empty() { String::new() } else { format!("; not drawn: {}", names()) };
     match renderer {
         JudgeRenderer::Path if reference.indirect_light => {
             (Judged::PathTraced, "as asked; shadows that fitted maps hold count twice".into())

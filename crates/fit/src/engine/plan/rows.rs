@@ -201,9 +201,20 @@ pub(crate) fn opaque() -> String {
     format!("every surface is opaque: one layer in place of {}, no blending", Passes::default().max_layers)
 }
 
-/// The row of the steps that were made, of those that were to be made at most.
-pub(crate) fn steps(made: u64, most: u64) -> Item {
-    Item::of("steps", made > 0, format!("{made} of at most {most}"), format!("none of at most {most}"))
+/// The row of the steps that were made, of those that were to be made at most, and by how many dB the fit was behind fewer
+/// triangles alone where it ended early for that.
+pub(crate) fn steps(made: u64, most: u64, behind: Option<f64>) -> Item {
+    let behind = behind.map_or(String::new(), |b| {
+        format!(
+            ": fewer triangles alone look {b:.1} dB better, which no step could be expected to make up for"
+        )
+    });
+    Item::of(
+        "steps",
+        made > 0,
+        format!("{made} of at most {most}{behind}"),
+        format!("none of at most {most}"),
+    )
 }
 
 /// Triangles of an asset that nobody sees; those without area do not count.

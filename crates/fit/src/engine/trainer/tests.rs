@@ -183,6 +183,16 @@ fn fit_in(
     keeping: &Keeping,
     progress: &dyn Progress,
 ) -> Result<Trained<Pixels>, FitError> {
+    fit_against(None, phases, model, keeping, progress)
+}
+
+fn fit_against(
+    rival: Option<f64>,
+    phases: Vec<Phase<'_, Pixels>>,
+    model: Pixels,
+    keeping: &Keeping,
+    progress: &dyn Progress,
+) -> Result<Trained<Pixels>, FitError> {
     let views = Orbit::new(0, &Lighting::Point, SIDE);
     let held_out = HeldOut::new(&Greys, &views, Sampling::SUPERSAMPLED, HELD_OUT, 0).unwrap();
     let job = Job {
@@ -195,6 +205,7 @@ fn fit_in(
         batch: 2,
         fresh: 1,
         steps: phases.iter().map(|p| p.steps).sum(),
+        rival,
         keeping,
         fingerprint: Fingerprint::default().option("model", "greys"),
     };
@@ -308,4 +319,35 @@ fn a_phase_without_progress_ends_early_and_what_it_left_out_is_counted() {
     let resumed = fit_in(phases(), Pixels::new(), &keeping(dir.path(), true), &Silent).unwrap();
     assert!(result(&resumed) == result(&t));
     assert_eq!(resumed.reached(), 450);
+}
+
+#[test]
+fn a_fit_far_behind_its_rival_ends_early() {
+    let all = ["red green", "blue"];
+    let phases = || vec![phase("first", 0, 300, &all), phase("second", 300, 100, &all)];
+    let fit = |rival, folder: &Keeping, progress: &dyn Progress| {
+        fit_against(rival, phases(), Pixels::new(), folder, progress).unwrap()
+    };
+    let alone = fit(None, &Keeping::default(), &Silent);
+    let quality = |t: &Trained<Pixels>| t.history.iter().map(|h| h.quality).fold(f64::NEG_INFINITY, f64::max);
+    let best = quality(&alone);
+    assert!(alone.behind.is_none() && best > alone.history[0].quality + 3.0, "{:?}", alone.history);
+    // A rival within reach costs no step, though the fit starts far below it.
+    let near = fit(Some(best), &Keeping::default(), &Silent);
+    assert!(result(&near) == result(&alone) && near.behind.is_none());
+    // One out of reach ends it at the first evaluation after a tenth of its steps, in all its phases.
+    let rival = best + 1000.0;
+    let far = fit(Some(rival), &Keeping::default(), &Silent);
+    let evaluated: Vec<u64> = far.history.iter().map(|h| h.step).collect();
+    assert_eq!((&evaluated[..], far.steps, far.reached(), far.stopped), (&[0, 25, 50][..], 50, 50, false));
+    assert_eq!(far.behind.map(f64::to_bits), Some((rival - quality(&far)).to_bits()));
+    // The same where it was stopped before that, and gone on with; and where it is gone on with after its end.
+    let dir = tempfile::tempdir().unwrap();
+    let progress = Counting { stop_at: Some(30), ..Counting::default() };
+    let stopped = fit(Some(rival), &keeping(dir.path(), false), &progress);
+    assert!(stopped.stopped && stopped.steps < 50 && stopped.behind.is_none());
+    for _ in 0..2 {
+        let resumed = fit(Some(rival), &keeping(dir.path(), true), &Silent);
+        assert!(result(&resumed) == result(&far) && resumed.behind == far.behind);
+    }
 }

@@ -461,7 +461,7 @@ fn shadows_in_maps_are_not_judged_twice() {
     assert_eq!(told(&raster).runs, Runs::Yes);
     let path = SimplifyOptions { reference: ReferenceRenderer::Path, ..raster };
     let item = told(&path);
-    assert!(item.runs == Runs::No && item.why.contains("sheen are not drawn"), "{item:?}");
+    assert!(item.runs == Runs::No && item.why.contains("not drawn: sheen"), "{item:?}");
     let asked = SimplifyOptions { judge: JudgeRenderer::Path, ..path };
     assert!(told(&asked).why.contains("count twice"), "{:?}", told(&asked));
 }
