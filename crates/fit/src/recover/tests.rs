@@ -154,7 +154,8 @@ fn a_robust_loss_passes_over_what_stood_before_a_few_cameras() {
 #[cfg(feature = "gpu")]
 #[test]
 #[ignore = "gpu: needs an adapter"]
-fn every_loss_recovers_on_a_device_what_it_does_on_the_cpu() {
+fn losses_recover_on_a_device_what_they_do_on_the_cpu() {
+    use photofit_raster::loss::Loss;
     let gpu = photofit_gpu::test_device();
     let dir = tempfile::tempdir().unwrap();
     let scene = sphere(true);
@@ -164,8 +165,9 @@ fn every_loss_recovers_on_a_device_what_it_does_on_the_cpu() {
         let few = RecoverOptions { steps: 40, loss, device, ..options() };
         recover_texture(dir.path(), &scene, &output, &few, &Silent).unwrap()
     };
-    let all = PictureLoss::ALL.map(Some);
-    let psnr = all.map(|loss| {
+    // Gradients of all of them are compared where steps are.
+    let two = [PictureLoss::RELATIVE_SQUARES, Loss::LogSrgbL1.into()].map(Some);
+    let psnr = two.map(|loss| {
         let [cpu, there] =
             [Device::default(), Device::gpu(gpu.clone(), true, "asked for")].map(|d| run(loss, d));
         assert!(there.device.contains(&gpu.report().name) && cpu.device == "CPU", "{}", there.device);
@@ -197,7 +199,7 @@ fn a_device_with_less_memory_draws_bands_and_the_plan_says_so() {
     };
     let whole = within(u64::MAX).unwrap();
     assert!(!whole.plan.to_string().contains("bands of rows"), "{}", whole.plan);
-    let mut memory = 32 << 20;
+    let mut memory = 4 << 20;
     let parts = loop {
         // Refused before pictures are drawn in bands: there is no room for what does not get smaller.
         let r = within(memory).unwrap();
