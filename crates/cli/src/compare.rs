@@ -3,7 +3,7 @@
 use crate::args::Compare;
 use crate::output::{self, print};
 use crate::preflight::Places;
-use crate::progress::{Terminal, say_warnings};
+use crate::progress::{Terminal, say, say_warnings};
 use crate::{memory, threads};
 use anyhow::{Result, anyhow, bail};
 use photofit_fit::compare::compare_assets;
@@ -13,7 +13,7 @@ use photofit_image::{
     DEFAULT_PIXELS_PER_DEGREE, Image, contact_sheet, flip, heatmap, psnr_from_mse, rmse, ssim, to_display,
     write_png,
 };
-use photofit_scene::Scene;
+use photofit_scene::{Material, Scene};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -141,6 +141,12 @@ struct Compared {
     views: Vec<Figures>,
 }
 
+/// Whether something is drawn with the material that glTF has where a file names none.
+fn lacks_material(scene: &Scene) -> bool {
+    let default = Material { name: "default".into(), ..Material::default() };
+    scene.instances.iter().any(|i| scene.materials[scene.primitives[i.primitive].material] == default)
+}
+
 fn assets(a: &Compare, places: &Places) -> Result<Compared> {
     let load = |path: &Path| -> Result<Scene> {
         let scene = photofit_scene::load(path)?;
@@ -150,6 +156,14 @@ fn assets(a: &Compare, places: &Places) -> Result<Compared> {
         Ok(scene)
     };
     let (reference, candidate) = (load(&a.reference)?, load(&a.candidate)?);
+    let [plain, other] = [&reference, &candidate].map(lacks_material);
+    if plain != other {
+        let which = if plain { &a.reference } else { &a.candidate };
+        say(&format!(
+            "warning: {}: some of it has no material, which glTF draws as a white metal; the other asset has one everywhere",
+            which.display()
+        ));
+    }
     memory::check_textures(Task::Compare, &a.candidate, &[&reference, &candidate])?;
     let progress = Terminal::new();
     let compared = compare_assets(

@@ -11,7 +11,7 @@ mod allocation;
 mod tests;
 mod triangles;
 
-pub(super) use triangles::{other_triangles, triangles_within};
+pub(super) use triangles::{bytes_without_textures, others, triangles_within};
 
 use super::plain::reduced;
 use super::{Asset, SimplifyOptions};

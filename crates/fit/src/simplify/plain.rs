@@ -1,6 +1,6 @@
 //! The asset's own texture coordinates, textures and materials on fewer triangles: what a plain decimation gives.
 
-use super::byte_budget::{Shapes, other_triangles};
+use super::byte_budget::{Shapes, bytes_without_textures, others};
 use super::options::MILD;
 use super::prepare::{decimated_only, importance};
 use super::{Asset, Normalised, SimplifyOptions, locks};
@@ -105,9 +105,14 @@ pub(super) fn shapes(
     // Where all triangles fit none is missing.
     let all = Target::Triangles(asset.scene.triangle_count());
     if let Some(most) = options.max_bytes.filter(|_| options.triangles_by_bytes && options.target != all) {
-        let first = best.scene.triangle_count();
-        for triangles in other_triangles(asset.scene, (most, first), options.compression)? {
-            shapes.add(written(&decimation.decimated(asset, Target::Triangles(triangles), options)?));
+        let decimated = |triangles: usize| {
+            Ok(written(&decimation.decimated(asset, Target::Triangles(triangles), options)?))
+        };
+        let bytes = |light: &Scene| {
+            bytes_without_textures(&super::dressed(light.clone(), asset, options), options.compression)
+        };
+        for other in others((&shapes.scene(0), asset.scene.triangle_count()), most, &decimated, &bytes)? {
+            shapes.add(other);
         }
     }
     Ok(shapes)

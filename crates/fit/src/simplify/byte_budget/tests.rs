@@ -150,6 +150,34 @@ fn triangles_follow_from_bytes_and_whole_assets_are_not_fitted() {
     assert!(alone.check(all).unwrap_err().to_string().contains("needs max_bytes"));
 }
 
+/// Without textures all bytes are those of triangles; with textures several parts of them.
+#[test]
+fn the_bytes_of_a_budget_hold_triangles() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    let bare = of(displaced_sphere(40, 0.2, 5, 3), Material::clay());
+    let mut bare_with_uvs = bare.clone();
+    let uvs = &mut bare_with_uvs.primitives[0].mesh;
+    uvs.uvs = uvs.positions.iter().map(|p| photofit_scalar::vec2(p.x, p.y)).collect();
+    let whole = photofit_scene::to_glb_with(&bare, photofit_scene::Compression::None).unwrap().len() as u64;
+    for (asset, surfacing, written) in
+        [(&bare_with_uvs, Surfacing::Kept, Written::Kept), (&bare, Surfacing::Maps, Written::Decimated)]
+    {
+        let o = SimplifyOptions {
+            max_bytes: Some(whole / 5),
+            triangles_by_bytes: true,
+            own_textures: true,
+            surfacing,
+            steps: 1,
+            ..options()
+        };
+        let made = simplify(asset, &path, &o, &Silent).unwrap();
+        let bytes = std::fs::metadata(&path).unwrap().len();
+        assert_eq!(made.written, written);
+        assert!(bytes <= whole / 5 && bytes * 100 >= whole / 5 * 96, "{bytes} of {}", whole / 5);
+    }
+}
+
 /// What a job within `max_bytes` that may write the asset's own textures comes to, and the bytes of its file.
 fn with_own(asset: &Scene, path: &Path, max_bytes: Option<u64>, o: SimplifyOptions) -> (Outcome, Vec<u8>) {
     let o = SimplifyOptions { max_bytes, own_textures: true, ..o };
