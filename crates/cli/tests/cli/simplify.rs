@@ -401,7 +401,7 @@ fn an_effort_is_told_and_what_is_said_beside_it_counts() {
     );
     let f = json(&d.join("f.json"));
     assert_eq!((f["effort"].as_str(), f["steps"].as_u64()), (Some("fast"), Some(3)));
-    assert_eq!(f["views"].as_array().map(Vec::len), Some(2));
+    assert_eq!(f["views"].as_array().map(Vec::len), Some(4));
     assert!(f["baked"].is_null() && f["wrapped"].is_object(), "one start: {text}");
     assert!(
         text.contains("steps                  3 of at most 3") && text.contains("unseen triangles"),
@@ -468,10 +468,10 @@ fn own_surfaces_vertex_colours_and_locked_borders_are_written_and_read_again() {
     assert_eq!(kept.images.len(), heavy.images.len());
     assert!(kept.images.iter().zip(&heavy.images).all(|(a, b)| a.texels == b.texels), "the same textures");
     assert!(
-        figures["written"] == "kept" && text.contains("effort fast: 2 views of the choice, 2 of the report"),
+        figures["written"] == "kept" && text.contains("effort fast: 2 views of the choice, 4 of the report"),
         "{figures} {text}"
     );
-    assert_eq!(figures["views"].as_array().map(Vec::len), Some(2), "{figures}");
+    assert_eq!(figures["views"].as_array().map(Vec::len), Some(4), "{figures}");
     let (colored, ..) = run("colors.glb", &["--textures", "none", "--steps", "4", "--batch", "1"]);
     assert!(colored.images.is_empty() && colored.primitives.iter().all(|p| !p.mesh.colors.is_empty()));
     let (locked, ..) =
