@@ -101,7 +101,8 @@ pub(crate) fn run(a: &Compare) -> Result<()> {
         value["reference"] = json!(a.reference.display().to_string());
         value["candidate"] = json!(a.candidate.display().to_string());
         value["kind"] = json!(kind);
-        value["drawn"] = json!(drawn.map(|d| d.how));
+        value["drawn"] = json!(drawn.as_ref().map(|d| d.how));
+        value["drawn_because"] = json!(drawn.map(|d| d.why));
         if views.len() > 1 {
             value["views"] = views.iter().map(Figures::json).collect();
         }
@@ -143,8 +144,8 @@ struct Compared {
 
 /// Whether something is drawn with the material that glTF has where a file names none.
 fn lacks_material(scene: &Scene) -> bool {
-    let default = Material { name: "default".into(), ..Material::default() };
-    scene.instances.iter().any(|i| scene.materials[scene.primitives[i.primitive].material] == default)
+    let is_default = |m: &Material| Material { name: String::new(), ..m.clone() } == Material::default();
+    scene.instances.iter().any(|i| is_default(&scene.materials[scene.primitives[i.primitive].material]))
 }
 
 fn assets(a: &Compare, places: &Places) -> Result<Compared> {

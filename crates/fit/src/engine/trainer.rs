@@ -26,11 +26,13 @@ use std::time::{Duration, Instant};
 pub(crate) const HELD_OUT: u64 = 5;
 /// Steps between two evaluations of the held-out views.
 const EVALUATE_EVERY: u64 = 25;
-/// Evaluations without progress after which a phase ends.
+/// Evaluations without progress after which a phase goes on to its end, in which rates fall, or ends there.
 const PATIENCE: usize = 6;
-/// A fit is far behind its rival where it is by more than this, in dB, after it gained as much in each step to come as in the
-/// mean of those made: fits gain less and less, and maps that are initialised again bring a little at once.
+/// A fit is far behind its rival where it would be by more than this, in dB, if it gained as much in each step to come as in the
+/// mean of those made. Fits gain less and less; what is left is for phases that show more at once.
 const FAR_BEHIND: f64 = 3.0;
+/// Steps before which that cannot be told.
+const LEAST_TOLD: u64 = 100;
 
 /// One evaluation of the held-out views.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -84,7 +86,8 @@ pub struct Job<'a> {
     pub fresh: usize,
     /// Steps of all phases.
     pub steps: u64,
-    /// Quality, in the held-out views, of what is there without a fit: one that is far behind after a tenth of the steps ends.
+    /// Quality, in the held-out views, of what is there without a fit: one that is far behind ends, after 100 steps and a tenth of
+    /// all at the earliest.
     pub rival: Option<f64>,
     /// Checkpoints and limits.
     pub keeping: &'a Keeping,
@@ -138,6 +141,17 @@ impl<A> std::fmt::Debug for Phase<'_, A> {
 impl<A> Phase<'_, A> {
     fn end(&self) -> u64 {
         self.first + self.steps
+    }
+
+    /// The step at which its last quarter begins. Rates are low there, and show what the noise of higher ones hid: a phase without
+    /// progress goes on with it.
+    fn falling(&self) -> u64 {
+        self.end() - self.steps / 4
+    }
+
+    /// Where a phase goes on that makes no progress at `step`.
+    fn next_stretch(&self, step: u64) -> u64 {
+        if step < self.falling() { self.falling() } else { self.end() }
     }
 
     /// Peak rate of a group.
@@ -212,6 +226,8 @@ struct Trainer<'a, M: Model> {
     refusal: String,
     samples: f64,
     step_seconds: f64,
+    /// By how many dB it is behind its rival, once it ended for that.
+    behind: Option<f64>,
     start: Instant,
     /// Seconds of the runs before this one.
     earlier: f64,
@@ -243,6 +259,7 @@ where
         refusal: String::new(),
         samples: 0.0,
         step_seconds: 0.0,
+        behind: None,
         start: Instant::now(),
         earlier: 0.0,
     };
@@ -274,7 +291,6 @@ where
     t.go_to_best()?;
     let kept = t.kept();
     let steps = t.course.step - t.course.skipped;
-    let behind = t.far_behind().filter(|_| steps < job.steps && !stopped);
     Ok(Trained {
         model: t.model.into_asset().map_err(|b| fit_error(b, t.course.step, kept))?,
         history: t.course.history,
@@ -282,7 +298,7 @@ where
         resumed,
         mpix_per_s: t.samples / 1e6 / t.step_seconds.max(1e-9),
         stopped,
-        behind,
+        behind: t.behind.filter(|_| !stopped),
     })
 }
 
@@ -377,15 +393,16 @@ impl<M: Model> Trainer<'_, M> {
             if over || progress.is_cancelled() {
                 return Ok(true);
             }
-            let end = match self.far_behind() {
+            self.behind = self.far_behind();
+            let end = match self.behind {
                 Some(_) => self.job.steps,
-                None if self.is_stale(phase) => phase.end(),
+                None if self.is_stale(phase) => phase.next_stretch(self.course.step),
                 None => self.course.step,
             };
             if end > self.course.step {
                 self.course.skipped += end - self.course.step;
                 self.course.step = end;
-                break;
+                continue;
             }
             self.one_step(phase)?;
             if self.course.step.is_multiple_of(EVALUATE_EVERY) || self.course.step == phase.end() {
@@ -396,25 +413,27 @@ impl<M: Model> Trainer<'_, M> {
         Ok(false)
     }
 
-    /// Whether the last evaluations of a phase brought nothing better.
+    /// Whether the last evaluations of a stretch of a phase brought nothing better.
     fn is_stale(&self, phase: &Phase<'_, M::Asset>) -> bool {
-        let history = &self.course.history;
-        let qualities: Vec<f64> =
-            history.iter().filter(|h| h.step >= phase.first).map(|h| h.quality).collect();
-        let best = qualities.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let first = qualities.iter().position(|q| *q >= best);
-        first.is_some_and(|first| qualities.len() - 1 - first >= PATIENCE)
+        let here: Vec<&HistoryPoint> = self.course.history.iter().filter(|h| h.step >= phase.first).collect();
+        let best = here.iter().map(|h| h.quality).fold(f64::NEG_INFINITY, f64::max);
+        let Some(first) = here.iter().position(|h| h.quality >= best) else { return false };
+        let since = if self.course.step < phase.falling() { 0 } else { phase.falling() };
+        here[first + 1..].iter().filter(|h| h.step > since).count() >= PATIENCE
     }
 
-    /// By how many dB the best state is behind the rival, where no fit can be expected to make that up.
+    /// By how many dB the best state is behind the rival where that was looked at just now, and where no fit is expected to make it
+    /// up.
     fn far_behind(&self) -> Option<f64> {
-        let (course, rival) = (&self.course, self.job.rival?);
-        let (first, last) = (course.history.first()?, course.history.last()?);
-        if last.step < EVALUATE_EVERY.max(self.job.steps / 10) {
+        let (course, job) = (&self.course, self.job);
+        let (first, rival) = (course.history.first()?.quality, job.rival?);
+        let made = course.step - course.skipped;
+        if course.history.last()?.step != course.step || made < LEAST_TOLD.max(job.steps / 10) {
             return None;
         }
-        let gain = (course.best_quality - first.quality) * (self.job.steps as f64 / last.step as f64);
-        (first.quality + gain + FAR_BEHIND < rival).then_some(rival - course.best_quality)
+        let best = course.best_quality;
+        let gain = (best - first) / made as f64 * (job.steps - course.step) as f64;
+        (best + gain + FAR_BEHIND < rival).then_some(rival - best)
     }
 
     fn one_step(&mut self, phase: &Phase<'_, M::Asset>) -> Result<(), FitError> {

@@ -86,7 +86,7 @@ pub(super) fn best(
     }
     progress.report("choose", 0, options.choice_views(), "fewer triangles alone");
     let as_many = Target::Triangles(starts[start].candidate.triangles.len());
-    let plain = rival.into_stage(asset);
+    let plain = rival.into_stage(asset, &starts[start].candidate, options)?;
     let mut own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
     let trained_steps = trained.steps;
     let mut models = vec![trained.model.clone(), trained.model];

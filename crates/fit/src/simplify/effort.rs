@@ -17,8 +17,8 @@ pub enum Effort {
 /// What an effort sets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Work {
-    /// Steps of the fit at most, over which its rates fall; the trainer ends a phase whose last six evaluations, 150 steps,
-    /// brought no better one.
+    /// Steps of the fit at most, over which its rates fall; the trainer goes on to the last quarter of a phase, or ends it there, where six
+    /// evaluations, 150 steps, brought no better one.
     pub(super) steps: u64,
     /// Views by which the written asset is chosen, where pictures are not small.
     pub(super) choice_views: u64,

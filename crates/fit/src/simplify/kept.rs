@@ -51,7 +51,8 @@ pub(super) fn simplify(
         None => dressed(plain::kept(&best.0, n, options), asset, options),
         Some(most) => {
             let budget = Budget { most, asset, reference, options, progress };
-            let shapes = plain::shapes(asset, &best, options, &|stage| plain::kept(stage, n, options))?;
+            let written = |stage: &Stage| plain::kept(stage, n, options);
+            let shapes = plain::shapes(asset, &best, (options, progress), &written)?;
             let mut made = budget.within(&shapes)?;
             let best = budget.best(&made)?;
             budget.or_whole(made.swap_remove(best), None)?.0

@@ -196,7 +196,7 @@ pub(crate) fn simplify_asset(
     let surface = SurfacePlan::new(&start.candidate, options.asked(reference.kind()));
     let plan = plan.with_loss(loss, held_out.noise).with_maps(surface.clone()).with_outline(starts.row);
     let keeping = through_path::keeping_before(options);
-    let rival = Rival::new(asset, &start.candidate, (&held_out, &views, sampling), options)?;
+    let rival = Rival::new(asset, &start.candidate, (&held_out, &views, sampling), options, progress)?;
     let job = Job {
         reference,
         views: &views,
@@ -238,6 +238,12 @@ pub(crate) fn simplify_asset(
     let spent = fit_began.elapsed();
     let Finished { trained, light, written, fitted, traced_maps, plain } =
         finish::finish(asset, chosen, spent, judged, options, progress)?;
+    if behind.is_some() && written != Written::Decimated {
+        progress.warn(
+            "the fit ended early, far behind fewer triangles alone, which yet look worse in the views of the choice; without \
+             them as a choice (new maps) it makes all of its steps",
+        );
+    }
     prepare::tell_budget(options, [scene.triangle_count(), light.triangle_count()], progress);
     let textures = byte_budget::told(&light);
     let path = outcome::save(output, &light, options)?;

@@ -71,7 +71,7 @@ pub struct SimplifyOptions {
     /// made to fit, and what looks best then is written.
     pub max_bytes: Option<u64>,
     /// Whether the triangles follow from [`Self::max_bytes`] instead of [`Self::target`]: as many as fit into half of it, all
-    /// where they do; own textures are also tried with those of a quarter and of three quarters.
+    /// where they do; own textures are also tried with those of other parts of it, or, where there are none, of all of it.
     pub triangles_by_bytes: bool,
     /// Views of the report.
     pub report_views: u64,

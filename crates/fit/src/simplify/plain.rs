@@ -98,22 +98,23 @@ pub(super) fn best(
 pub(super) fn shapes(
     asset: Asset<'_>,
     (best, decimation): &(Stage, Decimation),
-    options: &SimplifyOptions,
+    (options, progress): (&SimplifyOptions, &dyn Progress),
     written: &dyn Fn(&Stage) -> Scene,
 ) -> Result<Shapes, FitError> {
     let mut shapes = Shapes::new(written(best));
     // Where all triangles fit none is missing.
     let all = Target::Triangles(asset.scene.triangle_count());
     if let Some(most) = options.max_bytes.filter(|_| options.triangles_by_bytes && options.target != all) {
-        let decimated = |triangles: usize| {
-            Ok(written(&decimation.decimated(asset, Target::Triangles(triangles), options)?))
-        };
         let bytes = |light: &Scene| {
             bytes_without_textures(&super::dressed(light.clone(), asset, options), options.compression)
         };
-        for other in others((&shapes.scene(0), asset.scene.triangle_count()), most, &decimated, &bytes)? {
-            shapes.add(other);
-        }
+        let decimated = |triangles: usize| {
+            let light = written(&decimation.decimated(asset, Target::Triangles(triangles), options)?);
+            bytes(&light).map(|bytes| (light, bytes))
+        };
+        let (first, all) = (shapes.scene(0), asset.scene.triangle_count());
+        let first = (&first, bytes(&first)?, all);
+        others(first, most, &decimated, &|| progress.is_cancelled(), &mut |other| shapes.add(other))?;
     }
     Ok(shapes)
 }
@@ -142,7 +143,7 @@ pub(super) fn candidate(
         return Ok(None);
     }
     let best = best(asset, plain.clone(), reference, target, options, progress)?;
-    shapes(asset, &best, options, &|stage| written(stage, asset.n, options)).map(Some)
+    shapes(asset, &best, (options, progress), &|stage| written(stage, asset.n, options)).map(Some)
 }
 
 /// The same as it may be written in place of a fitted asset: in the asset's frame, with textures that together have no

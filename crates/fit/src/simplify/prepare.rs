@@ -172,7 +172,7 @@ pub(super) fn decimated_only(
 /// Tells that locked vertices left no room for the budget, where they did not.
 pub(super) fn tell_budget(options: &SimplifyOptions, [of, made]: [usize; 2], progress: &dyn Progress) {
     let most = match options.target {
-        // Three quarters of the bytes may be triangles, where half of them were planned.
+        // More of the bytes may be triangles than was planned.
         Target::Triangles(_) if options.triangles_by_bytes => made,
         Target::Triangles(n) => n,
         Target::Ratio(r) => (of as f64 * r) as usize,

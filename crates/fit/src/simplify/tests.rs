@@ -41,6 +41,42 @@ pub(super) fn tiled() -> Scene {
     Scene { images: vec![image], ..of(mesh, material) }
 }
 
+/// Tiles need few texels, of which maps that show each of them anew have far too few: no fit comes near.
+#[test]
+fn a_fit_far_behind_fewer_triangles_alone_ends_early() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    let far = SimplifyOptions {
+        target: Target::Triangles(700),
+        // Pixels in which tiles do not alias.
+        resolution: 256,
+        texture_size: 16,
+        own_textures: true,
+        steps: 200,
+        ..options()
+    };
+    let made = |o: &SimplifyOptions| {
+        let outcome = simplify(&tiled(), &path, o, &Silent).unwrap();
+        (outcome, std::fs::read(&path).unwrap())
+    };
+    let (ended, file) = made(&far);
+    assert!(ended.steps < 200 && ended.written == Written::Decimated, "{} {:?}", ended.steps, ended.stages);
+    let told = ended.plan.to_string();
+    assert!(told.contains(" of at most 200: fewer triangles alone look"), "{told}");
+    // Within bytes, as engines draw it, and with new maps alone nothing is known of what will be written.
+    for o in [
+        SimplifyOptions { max_bytes: Some(1 << 20), ..far.clone() },
+        SimplifyOptions { own_textures: false, ..far.clone() },
+    ] {
+        assert!(made(&o).0.steps > ended.steps, "{o:?}");
+    }
+    let checkpoint = Some(dir.path().join("state"));
+    let kept = SimplifyOptions { checkpoint, ..far };
+    let limited = SimplifyOptions { time_limit: Some(std::time::Duration::from_nanos(1)), ..kept.clone() };
+    assert!(made(&limited).0.stopped);
+    assert!(made(&SimplifyOptions { resume: true, ..kept }).1 == file);
+}
+
 #[test]
 fn decimation_is_written_where_no_fit_looks_better() {
     let dir = tempfile::tempdir().unwrap();

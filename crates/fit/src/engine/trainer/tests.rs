@@ -306,16 +306,23 @@ fn a_fit_beats_its_start() {
 fn a_phase_without_progress_ends_early_and_what_it_left_out_is_counted() {
     let phases = || vec![phase("frozen", 0, 400, &[]), phase("moving", 400, 50, &["red green", "blue"])];
     let t = fit_in(phases(), Pixels::new(), &Keeping::default(), &Silent).unwrap();
-    // The start is the best of the first phase, and six evaluations after it are none better.
+    // The start is the best of the first phase, and six evaluations after it are none better: its last quarter follows, which runs
+    // whole.
     let evaluated: Vec<u64> = t.history.iter().map(|h| h.step).collect();
     assert_eq!(evaluated[..7], [0, 25, 50, 75, 100, 125, 150]);
-    assert!(evaluated[7..].iter().all(|s| *s >= 400), "{evaluated:?}");
-    assert_eq!((t.steps, t.reached(), t.stopped), (200, 450, false));
+    assert_eq!(evaluated[7..], [325, 350, 375, 400, 425, 450]);
+    assert_eq!((t.steps, t.reached(), t.stopped), (300, 450, false));
+    // A longer one ends in its last quarter, too: at 600, then 150 steps later.
+    let long =
+        fit_in(vec![phase("frozen", 0, 800, &[])], Pixels::new(), &Keeping::default(), &Silent).unwrap();
+    let evaluated: Vec<u64> = long.history.iter().map(|h| h.step).collect();
+    assert_eq!(evaluated[6..], [150, 625, 650, 675, 700, 725, 750]);
+    assert_eq!((long.steps, long.reached()), (300, 750));
     // Stopped in the second phase, and gone on with.
     let dir = tempfile::tempdir().unwrap();
-    let progress = Counting { stop_at: Some(170), ..Counting::default() };
+    let progress = Counting { stop_at: Some(270), ..Counting::default() };
     let stopped = fit_in(phases(), Pixels::new(), &keeping(dir.path(), false), &progress).unwrap();
-    assert_eq!((stopped.steps, stopped.reached(), stopped.stopped), (169, 419, true));
+    assert_eq!((stopped.steps, stopped.reached(), stopped.stopped), (269, 419, true));
     let resumed = fit_in(phases(), Pixels::new(), &keeping(dir.path(), true), &Silent).unwrap();
     assert!(result(&resumed) == result(&t));
     assert_eq!(resumed.reached(), 450);
@@ -335,12 +342,20 @@ fn a_fit_far_behind_its_rival_ends_early() {
     // A rival within reach costs no step, though the fit starts far below it.
     let near = fit(Some(best), &Keeping::default(), &Silent);
     assert!(result(&near) == result(&alone) && near.behind.is_none());
-    // One out of reach ends it at the first evaluation after a tenth of its steps, in all its phases.
+    // One out of reach ends it at the first evaluation at which that can be told, in all its phases.
     let rival = best + 1000.0;
     let far = fit(Some(rival), &Keeping::default(), &Silent);
     let evaluated: Vec<u64> = far.history.iter().map(|h| h.step).collect();
-    assert_eq!((&evaluated[..], far.steps, far.reached(), far.stopped), (&[0, 25, 50][..], 50, 50, false));
+    assert_eq!(
+        (&evaluated[..], far.steps, far.reached(), far.stopped),
+        (&[0, 25, 50, 75, 100][..], 100, 100, false)
+    );
     assert_eq!(far.behind.map(f64::to_bits), Some((rival - quality(&far)).to_bits()));
+    // Out of reach: more than 3 dB above what it came to with as much in each of the 300 steps to come.
+    let best_at_100 = alone.history[..5].iter().map(|h| h.quality).fold(f64::NEG_INFINITY, f64::max);
+    let bound = best_at_100 + 3.0 * (best_at_100 - alone.history[0].quality) + 3.0;
+    let steps = |rival| fit(Some(rival), &Keeping::default(), &Silent).steps;
+    assert!(steps(bound + 0.01) == 100 && steps(bound - 0.01) > 100, "{bound}");
     // The same where it was stopped before that, and gone on with; and where it is gone on with after its end.
     let dir = tempfile::tempdir().unwrap();
     let progress = Counting { stop_at: Some(30), ..Counting::default() };

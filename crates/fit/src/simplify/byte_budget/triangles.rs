@@ -31,21 +31,22 @@ pub(in crate::simplify) fn triangles_within(
     Ok(triangles_in(scene, GEOMETRY * most as f64, geometry))
 }
 
-/// Other decimations of an asset of `all` triangles than `first`, with the same textures, for a file of `most` bytes: those whose
-/// geometry takes each of [`OTHER_PARTS`] of it, or all of it where nothing has textures. `bytes` are those of a file of a decimation
-/// without its textures.
+/// Gives `add` other decimations of an asset of `all` triangles than `first`, with the same textures, for a file of `most` bytes: those
+/// whose geometry takes each of [`OTHER_PARTS`] of it, or all of it where nothing has textures. With decimations come the bytes that
+/// their file has without textures. Work that is to `stop` makes no more of them.
 ///
 /// # Errors
-/// As `decimated` and `bytes`.
+/// As `decimated`.
 pub(in crate::simplify) fn others(
-    (first, all): (&Scene, usize),
+    (first, bytes, all): (&Scene, u64, usize),
     most: u64,
-    decimated: &dyn Fn(usize) -> Result<Scene, FitError>,
-    bytes: &dyn Fn(&Scene) -> Result<u64, FitError>,
-) -> Result<Vec<Scene>, FitError> {
+    decimated: &dyn Fn(usize) -> Result<(Scene, u64), FitError>,
+    stop: &dyn Fn() -> bool,
+    add: &mut dyn FnMut(Scene),
+) -> Result<(), FitError> {
     let parts = if first.images.is_empty() { &[1.0][..] } else { &OTHER_PARTS };
-    let start = [first.triangle_count() as f64, bytes(first)? as f64];
-    let mut out: Vec<Scene> = Vec::new();
+    let start = [first.triangle_count() as f64, bytes as f64];
+    let mut known = vec![first.triangle_count()];
     for part in parts {
         let room = part * most as f64;
         // Bytes are a line of triangles: at first through none, then through the last two decimations.
@@ -54,26 +55,25 @@ pub(in crate::simplify) fn others(
             let slope = (last[0] - before[0]) / (last[1] - before[1]);
             let aimed = last[0] + slope * ((1.0 - UNUSED / 2.0) * room - last[1]);
             let triangles = (aimed.max(0.0) as usize).clamp(FEWEST.min(all), all);
-            if !slope.is_finite() || triangles as f64 == last[0] {
+            if !slope.is_finite() || triangles as f64 == last[0] || stop() {
                 break;
             }
-            let made = decimated(triangles)?;
-            (before, last) = (last, [made.triangle_count() as f64, bytes(&made)? as f64]);
-            let more = |b: &Scene| made.triangle_count() > b.triangle_count();
-            if last[1] <= room && best.as_ref().is_none_or(more) {
+            let (made, bytes) = decimated(triangles)?;
+            (before, last) = (last, [made.triangle_count() as f64, bytes as f64]);
+            let fits = last[1] <= room;
+            if fits && best.as_ref().is_none_or(|b| made.triangle_count() > b.triangle_count()) {
                 best = Some(made);
             }
-            if last[1] <= room && (last[1] >= (1.0 - UNUSED) * room || triangles == all) {
+            if fits && (last[1] >= (1.0 - UNUSED) * room || triangles == all) {
                 break;
             }
         }
-        let known = |s: &Scene| s.triangle_count() == best.as_ref().map_or(0, Scene::triangle_count);
-        if first.triangle_count() != best.as_ref().map_or(0, Scene::triangle_count) && !out.iter().any(known)
-        {
-            out.extend(best);
+        if let Some(best) = best.filter(|b| !known.contains(&b.triangle_count())) {
+            known.push(best.triangle_count());
+            add(best);
         }
     }
-    Ok(out)
+    Ok(())
 }
 
 /// Bytes of the file of a scene without its textures.
@@ -104,4 +104,58 @@ pub(super) fn geometry(scene: &Scene, compression: Compression) -> Result<[f64; 
 fn triangles_in(scene: &Scene, bytes: f64, geometry: f64) -> usize {
     let all = scene.triangle_count().max(1);
     ((all as f64 * bytes / geometry) as usize).clamp(FEWEST.min(all), all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use photofit_geometry::Mesh;
+    use photofit_scene::{Instance, Primitive, TextureImage};
+
+    fn scene(triangles: usize, images: usize) -> Scene {
+        let mesh = Mesh { triangles: vec![[0; 3]; triangles], ..Mesh::default() };
+        Scene {
+            primitives: vec![Primitive { mesh, material: 0 }],
+            instances: vec![Instance { primitive: 0, transform: glam::Affine3A::IDENTITY }],
+            images: vec![TextureImage::default(); images],
+            ..Scene::default()
+        }
+    }
+
+    /// Triangles of what is added to a half of 10,000 bytes of an asset of 1,000 triangles, and decimations made.
+    fn added(images: usize, bytes: &dyn Fn(usize) -> u64, stop: bool) -> (Vec<usize>, usize) {
+        let (first, made) = (scene(300, images), std::cell::Cell::new(0));
+        let decimated = |n: usize| {
+            made.set(made.get() + 1);
+            Ok((scene(n, images), bytes(n)))
+        };
+        let mut out = Vec::new();
+        let add = &mut |s: Scene| out.push(s.triangle_count());
+        others((&first, bytes(300), 1000), 10_000, &decimated, &|| stop, add).unwrap();
+        (out, made.get())
+    }
+
+    #[test]
+    fn triangles_follow_the_bytes_that_decimations_take() {
+        // A line, and a curve that bends: all of the bytes, and each part of them where there are textures.
+        for bytes in [&(|n: usize| 700 + 15 * n as u64) as &dyn Fn(usize) -> u64, &|n| {
+            500 + (70.0 * (n as f64).powf(0.75)) as u64
+        }] {
+            let (found, made) = added(0, bytes, false);
+            let [n] = found[..] else { panic!("{found:?}") };
+            assert!((9_800..=10_000).contains(&bytes(n)) && made <= 3, "{} bytes, {made} made", bytes(n));
+            let (found, _) = added(2, bytes, false);
+            assert_eq!(found.len(), 3);
+            for (n, part) in found.iter().zip(OTHER_PARTS) {
+                let room = part * 10_000.0;
+                let share = bytes(*n) as f64 / room;
+                assert!((0.97..=1.0).contains(&share), "{share} of {room}");
+            }
+        }
+        // All triangles fit; bytes that do not fall, that nothing fits into, and work that is stopped.
+        assert_eq!(added(0, &|n| 2 * n as u64, false), (vec![1000], 1));
+        assert_eq!(added(0, &|_| 20_000, false).0, [0; 0]);
+        assert_eq!(added(0, &|n| 30_000 - n as u64, false).0, [0; 0]);
+        assert_eq!(added(2, &|n| 15 * n as u64, true), (Vec::new(), 0));
+    }
 }
