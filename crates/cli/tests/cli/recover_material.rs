@@ -47,7 +47,7 @@ fn known_materials_are_found_stopped_and_resumed() {
     }
     let sky = photofit_image::read(d.join("whole/environment.exr")).unwrap();
     assert_eq!((sky.width, sky.height), (8, 4));
-    run(&["-o", "cut", "--checkpoint", "state", "--time-limit", "0.1"]);
+    run(&["-o", "cut", "--checkpoint", "state", "--time-limit", "0.3"]);
     assert_eq!(figures(&d.join("cut"))["stopped"], true);
     run(&["-o", "end", "--checkpoint", "state", "--resume", "--threads", "1"]);
     for file in ["material.glb", "environment.exr"] {
