@@ -47,12 +47,16 @@ fn known_materials_are_found_stopped_and_resumed() {
     }
     let sky = photofit_image::read(d.join("whole/environment.exr")).unwrap();
     assert_eq!((sky.width, sky.height), (8, 4));
-    run(&["-o", "cut", "--checkpoint", "state", "--time-limit", "0.3"]);
-    assert_eq!(figures(&d.join("cut"))["stopped"], true);
-    run(&["-o", "end", "--checkpoint", "state", "--resume", "--threads", "1"]);
-    for file in ["material.glb", "environment.exr"] {
-        let [a, b] = ["whole", "end"].map(|f| std::fs::read(d.join(f).join(file)).unwrap());
-        assert!(a == b, "{file}");
+    // Before the first step, and among the first ones.
+    for (limit, cut, state, end) in [("0.0001", "cut 0", "state 0", "end 0"), ("0.1", "cut", "state", "end")]
+    {
+        run(&["-o", cut, "--checkpoint", state, "--time-limit", limit]);
+        assert_eq!(figures(&d.join(cut))["stopped"], true);
+        run(&["-o", end, "--checkpoint", state, "--resume", "--threads", "1"]);
+        for file in ["material.glb", "environment.exr"] {
+            let [a, b] = ["whole", end].map(|f| std::fs::read(d.join(f).join(file)).unwrap());
+            assert!(a == b, "{file} after {limit} s");
+        }
     }
 }
 

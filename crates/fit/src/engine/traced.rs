@@ -132,7 +132,7 @@ impl Traced {
         let (gradient_spp, evaluation_spp, smoothing) = (1, 64, Smoothing::default());
         let (world, compared) = (Mutex::new(world), ComparedPixels::default());
         let (guidance, logarithms) = (Guidance::off(), vec![None; parameters.len()]);
-        Ok(Self {
+        let mut made = Self {
             guidance,
             not_finite: NotFinite::default(),
             logarithms,
@@ -145,7 +145,12 @@ impl Traced {
             compared,
             values,
             channels,
-        })
+        };
+        // The world keeps values as it reads them to rounding; from here on it has those that a checkpoint gives back.
+        for k in 0..made.parameters.len() {
+            made.update(k)?;
+        }
+        Ok(made)
     }
 
     /// The world with the present values, under the lights that it was seen under last.

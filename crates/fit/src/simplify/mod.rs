@@ -230,7 +230,6 @@ pub(crate) fn simplify_asset(
         progress,
     )?;
     let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
-    let behind = trained.behind;
     let chosen = choice::best(asset, trained, (&all[..], starts.best, rival), judged, options, progress)?;
     if options.surfacing == Surfacing::VertexColors {
         outcome::tell_detail(&chosen.trained.model.candidate, n, progress);
@@ -238,7 +237,7 @@ pub(crate) fn simplify_asset(
     let spent = fit_began.elapsed();
     let Finished { trained, light, written, fitted, traced_maps, plain } =
         finish::finish(asset, chosen, spent, judged, options, progress)?;
-    if behind.is_some() && written != Written::Decimated {
+    if trained.behind.is_some() && written != Written::Decimated {
         progress.warn(
             "the fit ended early, far behind fewer triangles alone, which yet look worse in the views of the choice; without \
              them as a choice (new maps) it makes all of its steps",
@@ -258,7 +257,7 @@ pub(crate) fn simplify_asset(
     let told = options.judgement(given).made(pictures.len(), stages_beside(&stages));
     let plan =
         plan.with_judgement(told).with_result(written, [trained.steps, trained.reached()], traced_maps.row());
-    let plan = plan.with_behind(behind);
+    let plan = plan.with_behind(trained.behind);
     let mut outcome =
         Outcome::new(triangles, trained, plan, &names, pictures, judge.method(&stages), times, options);
     outcome.device = device.name();
