@@ -154,8 +154,7 @@ fn a_robust_loss_passes_over_what_stood_before_a_few_cameras() {
 #[cfg(feature = "gpu")]
 #[test]
 #[ignore = "gpu: needs an adapter"]
-fn losses_recover_on_a_device_what_they_do_on_the_cpu() {
-    use photofit_raster::loss::Loss;
+fn every_loss_recovers_on_a_device_what_it_does_on_the_cpu() {
     let gpu = photofit_gpu::test_device();
     let dir = tempfile::tempdir().unwrap();
     let scene = sphere(true);
@@ -165,9 +164,8 @@ fn losses_recover_on_a_device_what_they_do_on_the_cpu() {
         let few = RecoverOptions { steps: 40, loss, device, ..options() };
         recover_texture(dir.path(), &scene, &output, &few, &Silent).unwrap()
     };
-    // Gradients of all of them are compared where steps are.
-    let two = [PictureLoss::RELATIVE_SQUARES, Loss::LogSrgbL1.into()].map(Some);
-    let psnr = two.map(|loss| {
+    let all = PictureLoss::ALL.map(Some);
+    let psnr = all.map(|loss| {
         let [cpu, there] =
             [Device::default(), Device::gpu(gpu.clone(), true, "asked for")].map(|d| run(loss, d));
         assert!(there.device.contains(&gpu.report().name) && cpu.device == "CPU", "{}", there.device);
