@@ -468,7 +468,8 @@ fn own_surfaces_vertex_colours_and_locked_borders_are_written_and_read_again() {
     assert_eq!(kept.images.len(), heavy.images.len());
     assert!(kept.images.iter().zip(&heavy.images).all(|(a, b)| a.texels == b.texels), "the same textures");
     assert!(
-        figures["written"] == "kept" && text.contains("effort fast: 2 views of the choice, 4 of the report"),
+        figures["written"] == "kept"
+            && text.contains("effort fast: 2 views of the choice or more where it is close, 4 of the report"),
         "{figures} {text}"
     );
     assert_eq!(figures["views"].as_array().map(Vec::len), Some(4), "{figures}");

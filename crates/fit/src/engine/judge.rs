@@ -7,10 +7,12 @@ mod flicker;
 mod method;
 mod moments;
 mod popping;
+mod scores;
 
 pub use flicker::flicker;
 pub(crate) use method::method;
 pub use popping::{Popping, popping};
+pub use scores::{Count, highest, scores};
 
 use super::animated::Animated;
 use super::asset::Normalised;
@@ -384,7 +386,7 @@ impl Judge<'_> {
         Ok((reference, stages.collect::<Result<_, FitError>>()?))
     }
 
-    /// [`scores`] of stages in `count` held-out views, by pictures made as those of the report are ([`Self::method`]), but of
+    /// [`scores`] of stages in `count` held-out views or more, by pictures made as those of the report are ([`Self::method`]), but of
     /// fewer samples: a quarter of those of a path traced pixel, `samples` per axis of a rasterized one. They are of the size of the
     /// report, or rasterized and of all sizes
     /// from `smallest` pixels a side on ([`Orbit::smallest`]).
@@ -399,12 +401,19 @@ impl Judge<'_> {
         progress: &dyn Progress,
     ) -> Result<Vec<f64>, FitError> {
         let method = self.method(stages);
+        let count = Count::AtLeast(count);
         let views = |size| Orbit { smallest, ..Orbit::new(self.seed, self.lighting, size) };
         // The path tracer reads the finest mip level alone: pictures of several sizes are rasterized.
         if method == Judged::PathTraced && smallest.is_none() {
             let (reference, traced) = self.traced(stages, self.spp.div_ceil(CHOICE_COARSER))?;
             let traced: Vec<&dyn Reference> = traced.iter().map(|t| t as &dyn Reference).collect();
-            return scored(&reference, &traced, &views(self.size.min(WIDEST_TRACED)), count, progress);
+            return scores::scored(
+                &reference,
+                &traced,
+                &views(self.size.min(WIDEST_TRACED)),
+                count,
+                progress,
+            );
         }
         let rasterized = Rasterized::new(&self.n.flat, &self.n.library);
         let rasterized = match smallest {
@@ -470,71 +479,6 @@ fn compared(
 fn after_stop(stages: &[&dyn Reference]) -> u64 {
     let traced = stages.iter().any(|s| s.kind().spp.is_some());
     if traced { TRACED_AFTER_STOP } else { AFTER_STOP }
-}
-
-/// How good the pictures of each stage are in `count` held-out views, drawn by the rasterizer with `samples` samples
-/// per axis of a pixel: the mean over the views, after the work was stopped over the first two of them, of PSNR and
-/// FLIP, both in decibels.
-///
-/// # Errors
-/// If a picture of the reference cannot be made.
-pub fn scores(
-    light: &LightAsset,
-    reference: &dyn Reference,
-    stages: &[Stage],
-    views: &dyn Views,
-    count: u64,
-    samples: usize,
-    progress: &dyn Progress,
-) -> Result<Vec<f64>, FitError> {
-    let drawn: Vec<Drawn<'_>> = stages.iter().map(|s| s.drawn(light)).collect();
-    let drawn: Vec<Rasterized<'_>> = drawn.iter().map(|d| d.sampled(samples)).collect();
-    let drawn: Vec<&dyn Reference> = drawn.iter().map(|d| d as &dyn Reference).collect();
-    scored(reference, &drawn, views, count, progress)
-}
-
-/// Scores of pictures of several against those of a reference.
-fn scored(
-    reference: &dyn Reference,
-    stages: &[&dyn Reference],
-    views: &dyn Views,
-    count: u64,
-    progress: &dyn Progress,
-) -> Result<Vec<f64>, FitError> {
-    let least = after_stop(stages);
-    let mut score = vec![0.0; stages.len()];
-    let mut taken = 0.0_f64;
-    for i in 0..count {
-        progress.report("choose", i, count, "");
-        let stop = || i >= least && progress.is_cancelled();
-        if stop() {
-            break;
-        }
-        let s = views.setup(Set::HeldOut, i, count);
-        let picture = |of: &dyn Reference| of.picture_unless(&s, &stop);
-        let Some(ReferencePicture { image, .. }) = picture(reference)? else { break };
-        let of = |p: ReferencePicture| {
-            let q = view_quality(&image, &p.image).quality;
-            q.psnr - 20.0 * q.flip.max(1e-6).log10()
-        };
-        let scores = stages.iter().map(|c| Ok(picture(*c)?.map(of)));
-        // A view that was stopped half way counts for none.
-        let Some(scores) = scores.collect::<Result<Option<Vec<f64>>, FitError>>()? else { break };
-        score.iter_mut().zip(scores).for_each(|(sum, s)| *sum += s);
-        taken += 1.0;
-    }
-    score.iter_mut().for_each(|s| *s /= taken.max(1.0));
-    Ok(score)
-}
-
-/// Index of the highest score; the first wins a tie.
-///
-/// # Panics
-/// If there is none.
-pub fn highest(scores: &[f64]) -> usize {
-    let better = |best: usize, k: usize| if scores[k] > scores[best] { k } else { best };
-    assert!(!scores.is_empty(), "something to choose from");
-    (0..scores.len()).fold(0, better)
 }
 
 /// Linear premultiplied RGBA as a display picture over grey.

@@ -15,7 +15,7 @@ pub(super) use triangles::{bytes_without_textures, others, triangles_within};
 
 use super::plain::reduced;
 use super::{Asset, SimplifyOptions};
-use crate::engine::judge::{self, Stage};
+use crate::engine::judge::{self, Count, Stage};
 use crate::engine::reference::Reference;
 use crate::{FitError, Progress};
 use allocation::Variant;
@@ -261,7 +261,7 @@ impl Budget<'_> {
                 reference,
                 &stages,
                 &views,
-                options.choice_views(),
+                Count::Exactly(options.choice_views()),
                 options.choice_samples(),
                 progress,
             )?);

@@ -20,7 +20,7 @@ pub(super) struct Work {
     /// Steps of the fit at most, over which its rates fall; the trainer goes on to the last quarter of a phase, or ends it there, where six
     /// evaluations, 150 steps, brought no better one.
     pub(super) steps: u64,
-    /// Views by which the written asset is chosen, where pictures are not small.
+    /// Views by which the written asset is chosen, where pictures are not small; more, where they leave it open.
     pub(super) choice_views: u64,
     /// Views of the report.
     pub(super) report_views: u64,
@@ -74,7 +74,9 @@ impl Effort {
             1 => String::new(),
             n => format!(", 1/{n} of the samples per axis in pictures of the asset that {who}"),
         };
-        format!("{choice_views} views of the choice, {report_views} of the report{samples}")
+        format!(
+            "{choice_views} views of the choice or more where it is close, {report_views} of the report{samples}"
+        )
     }
 }
 

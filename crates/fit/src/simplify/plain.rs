@@ -5,7 +5,7 @@ use super::options::MILD;
 use super::prepare::{decimated_only, importance};
 use super::{Asset, Normalised, SimplifyOptions, locks};
 use crate::bake::Occlusion;
-use crate::engine::judge::{self, Stage, beyond_rasterizer};
+use crate::engine::judge::{self, Count, Stage, beyond_rasterizer};
 use crate::engine::reference::Reference;
 use crate::{FitError, Progress};
 use photofit_geometry::decimate::{Options, Target};
@@ -85,7 +85,7 @@ pub(super) fn best(
     let (count, samples) = (options.choice_views(), options.choice_samples());
     let scores = if beyond_rasterizer(scene).iter().all(|name| OVER_THE_CORE.contains(name)) {
         let views = options.orbit(options.resolution);
-        judge::scores(&n.light_asset, reference, &stages, &views, count, samples, progress)?
+        judge::scores(&n.light_asset, reference, &stages, &views, Count::AtLeast(count), samples, progress)?
     } else {
         let judge = options.judge_of(scene, n, reference);
         judge.scores(&stages, (count, options.smallest_picture()), samples, progress)?
