@@ -167,7 +167,11 @@ impl fmt::Display for Verdict {
         if let Some((name, q)) = &self.better {
             let start = |start: Written| format!(" ({} with baked {maps})", start.start());
             let what = match *name {
-                own if own == self.written.name() => " (the same before its textures were made smaller)".into(),
+                own if own == self.written.name() => {
+                    " (the first of several decimations, with all its texels; another looked better in the views of the choice, or textures are \
+                     smaller)"
+                        .into()
+                }
                 "decimated" => " (as many triangles with the asset's own materials and all their texels)".into(),
                 "fitted" => {
                     " (the fit, which looked worse in the views of the choice or takes more bytes than allowed)".into()
