@@ -16,7 +16,7 @@ use crate::engine::checkpoint::Digest;
 use crate::engine::device::{Device, train_on};
 use crate::engine::export::to_scene;
 use crate::engine::fingerprint::Fingerprint;
-use crate::engine::judge::{self, Count, Judge, JudgeRenderer, Judged, Quality, ReportView, Stage};
+use crate::engine::judge::{self, Judge, JudgeRenderer, Judged, Quality, ReportView, Stage};
 use crate::engine::loss;
 use crate::engine::plan::{Asked, Item, PlanRows, SurfacePlan, rows};
 use crate::engine::posed::{Posed, same_triangles};
@@ -217,7 +217,7 @@ pub fn retexture(
             &reference_pictures,
             &stages,
             &larger,
-            Count::Exactly(count),
+            count,
             SUPERSAMPLE,
             progress,
         )?;

@@ -5,6 +5,7 @@
 //! | always | [`scalar`] | the scalar trait and small vectors | |
 //! | `image` | `image` | image buffers, colour, metrics | |
 //! | `image-files` | `image` | reading and writing PNG, JPEG, WebP, Radiance and OpenEXR | `image` |
+//! | `ktx2` | `ktx2` | KTX 2.0 textures: an encoder of UASTC, a decoder | |
 //! | `texture` | `texture` | mip pyramids, filters and their adjoints | |
 //! | `sampling` | `sampling` | counter-based random numbers, warps | |
 //! | `geometry` | `geometry` | meshes, normals, tangents, Laplacians, decimation, atlas | |
@@ -17,7 +18,8 @@
 //! | `raster` | `raster` | the differentiable rasterizer | `geometry`, `shading`, `texture` |
 //! | `rays` | `rays` | ray hierarchies, watertight intersection, closest points | |
 //! | `pathtrace` | `pathtrace` | path tracing | `rays`, `scene` |
-//! | `fit` (default) | `fit` | the tasks: simplify, bake, compare, report | all |
+//! | `fit` (default) | `fit` | the tasks: simplify, bake, compare, report | all but `ktx2` |
+//! | `gpu` | `fit`, `denoise` | fits that stay on a GPU, convex models of the denoiser | `fit` |
 //!
 //! Features only add. With `default-features = false` and one feature a crate gets that part and what it stands on.
 //!

@@ -1,6 +1,8 @@
 //! Cameras, lights, materials and asset files.
 //!
 //! [`load`] reads a glTF, OBJ or PLY asset into a [`Scene`]; [`Scene::flatten`] makes one world-space mesh of it.
+//! [`Scene::hierarchy`] holds what a glTF places its parts with: nodes, skins, morph targets and animations;
+//! [`Scene::pose`] gives the scene at a time of one of these animations.
 
 mod animation;
 mod camera;

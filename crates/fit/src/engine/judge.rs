@@ -7,12 +7,13 @@ mod flicker;
 mod method;
 mod moments;
 mod popping;
-mod scores;
+mod ranking;
 
 pub use flicker::flicker;
 pub(crate) use method::method;
 pub use popping::{Popping, popping};
-pub use scores::{Count, highest, scores};
+pub(crate) use ranking::CLEAR_GAIN;
+pub use ranking::{Ranking, highest, ranking, scores};
 
 use super::animated::Animated;
 use super::asset::Normalised;
@@ -386,28 +387,27 @@ impl Judge<'_> {
         Ok((reference, stages.collect::<Result<_, FitError>>()?))
     }
 
-    /// [`scores`] of stages in `count` held-out views or more, by pictures made as those of the report are ([`Self::method`]), but of
+    /// [`ranking`] of stages in `count` held-out views or more, by pictures made as those of the report are ([`Self::method`]), but of
     /// fewer samples: a quarter of those of a path traced pixel, `samples` per axis of a rasterized one. They are of the size of the
     /// report, or rasterized and of all sizes
     /// from `smallest` pixels a side on ([`Orbit::smallest`]).
     ///
     /// # Errors
     /// If a picture cannot be made.
-    pub fn scores(
+    pub fn ranking(
         &self,
         stages: &[Stage],
         (count, smallest): (u64, Option<usize>),
         samples: usize,
         progress: &dyn Progress,
-    ) -> Result<Vec<f64>, FitError> {
+    ) -> Result<Ranking, FitError> {
         let method = self.method(stages);
-        let count = Count::AtLeast(count);
         let views = |size| Orbit { smallest, ..Orbit::new(self.seed, self.lighting, size) };
         // The path tracer reads the finest mip level alone: pictures of several sizes are rasterized.
         if method == Judged::PathTraced && smallest.is_none() {
             let (reference, traced) = self.traced(stages, self.spp.div_ceil(CHOICE_COARSER))?;
             let traced: Vec<&dyn Reference> = traced.iter().map(|t| t as &dyn Reference).collect();
-            return scores::scored(
+            return ranking::all_rounds(
                 &reference,
                 &traced,
                 &views(self.size.min(WIDEST_TRACED)),
@@ -422,7 +422,7 @@ impl Judge<'_> {
         };
         let holds_more = method == Judged::Rasterized && self.reference.kind().indirect_light;
         let reference: &dyn Reference = if holds_more { &rasterized } else { self.reference };
-        scores(&self.n.light_asset, reference, stages, &views(self.size), count, samples, progress)
+        ranking(&self.n.light_asset, reference, stages, &views(self.size), count, samples, progress)
     }
 }
 

@@ -250,7 +250,7 @@ pub enum Set {
 /// Views of a fit: pure functions of their arguments.
 pub trait Views: Sync {
     /// View number `index` of a set of which `count` views are wanted, spread over all there are. Numbers of
-    /// [`Set::Train`] have no end.
+    /// [`Set::Train`] have no end. Those of the other sets from `count` on may be further views, `count` of them spread alike.
     fn setup(&self, set: Set, index: u64, count: u64) -> Setup;
 }
 
@@ -422,7 +422,7 @@ pub fn views_around(center: Vec3, radius: f32, count: usize) -> Vec<View> {
 }
 
 fn fibonacci(index: u64, count: u64, turn: f32) -> Vec3 {
-    let y = 1.0 - 2.0 * (index as f32 + 0.5) / count.max(1) as f32;
+    let y = 1.0 - 2.0 * ((index % count.max(1)) as f32 + 0.5) / count.max(1) as f32;
     let a = index as f32 * (std::f32::consts::PI * (3.0 - 5.0f32.sqrt())) + turn;
     let r = (1.0 - y * y).max(0.0).sqrt();
     Vec3::new(r * a.cos(), y, r * a.sin())

@@ -1,5 +1,6 @@
 //! The verdict of a report: does the light asset look like the asset?
 
+use crate::engine::judge::CLEAR_GAIN;
 use crate::simplify::{ORIGINAL, Outcome, Quality, Surfacing, Written};
 use std::fmt;
 
@@ -7,10 +8,6 @@ use std::fmt;
 const SAME: [f64; 2] = [0.03, 0.05];
 /// The same up to which they look close.
 const CLOSE: [f64; 2] = [0.08, 0.12];
-
-/// A stage is better than the written file where its PSNR is higher by more than this, in decibels, and its FLIP lower:
-/// the views of the choice are others than those of the report, and differences below are noise between the two.
-const MARGIN: f64 = 0.1;
 
 /// How much the written file looks like the asset, in views and lights that the fit never saw.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -112,7 +109,7 @@ impl Verdict {
 
 /// The stage with the highest PSNR among those beside the written file that are clearly better than the written file.
 fn better(stages: &[(&'static str, Quality)], written: &Quality) -> Option<(&'static str, Quality)> {
-    let clearly = |q: &Quality| q.psnr > written.psnr + MARGIN && q.flip < written.flip;
+    let clearly = |q: &Quality| q.psnr > written.psnr + CLEAR_GAIN && q.flip < written.flip;
     let stages = stages.iter().filter(|(name, q)| *name != ORIGINAL && clearly(q));
     stages.max_by(|a, b| a.1.psnr.total_cmp(&b.1.psnr)).copied()
 }
@@ -167,11 +164,12 @@ impl fmt::Display for Verdict {
         if let Some((name, q)) = &self.better {
             let start = |start: Written| format!(" ({} with baked {maps})", start.start());
             let what = match *name {
-                own if own == self.written.name() => {
-                    " (the first of several decimations, with all its texels; another looked better in the views of the choice, or textures are \
-                     smaller)"
+                "decimated" if self.written == Written::Decimated => {
+                    " (the first of several decimations, with all its texels; written is the one that looked best in the views of the \
+                     choice, with as many texels and triangles as are allowed)"
                         .into()
                 }
+                own if own == self.written.name() => " (the same before its textures were made smaller)".into(),
                 "decimated" => " (as many triangles with the asset's own materials and all their texels)".into(),
                 "fitted" => {
                     " (the fit, which looked worse in the views of the choice or takes more bytes than allowed)".into()
@@ -197,7 +195,7 @@ mod tests {
     fn a_stage_is_better_by_more_than_the_margin_in_both_measures() {
         let q = |psnr: f64, flip: f64| Quality { psnr, flip, ..Quality::default() };
         let name = |stages: &[(&'static str, Quality)]| better(stages, &q(30.0, 0.05)).map(|b| b.0);
-        assert_eq!(name(&[("decimated", q(30.0 + 0.9 * MARGIN, 0.04))]), None, "within noise");
+        assert_eq!(name(&[("decimated", q(30.0 + 0.9 * CLEAR_GAIN, 0.04))]), None, "within noise");
         assert_eq!(name(&[("decimated", q(31.0, 0.06))]), None, "one measure alone");
         assert_eq!(name(&[("original", q(40.0, 0.01))]), None);
         assert_eq!(name(&[("baked", q(31.0, 0.04)), ("decimated", q(33.0, 0.03))]), Some("decimated"));

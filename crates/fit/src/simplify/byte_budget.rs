@@ -15,7 +15,7 @@ pub(super) use triangles::{bytes_without_textures, others, triangles_within};
 
 use super::plain::reduced;
 use super::{Asset, SimplifyOptions};
-use crate::engine::judge::{self, Count, Stage};
+use crate::engine::judge::{self, Stage};
 use crate::engine::reference::Reference;
 use crate::{FitError, Progress};
 use allocation::Variant;
@@ -144,8 +144,8 @@ impl Budget<'_> {
         let stages: Vec<Stage> = fit.iter().map(|k| Stage::new("", made[*k].scene.clone())).collect();
         let views = (options.choice_views(), options.smallest_picture());
         let judge = options.judge_of(scene, n, reference);
-        let scores = judge.scores(&stages, views, options.choice_samples(), progress)?;
-        Ok(fit[judge::highest(&scores)])
+        let ranking = judge.ranking(&stages, views, options.choice_samples(), progress)?;
+        Ok(fit[ranking.best()])
     }
 
     /// The file that was chosen; where it is too large the `whole` source as it is, if that fits. Also whether it is the source. Warns
@@ -261,7 +261,7 @@ impl Budget<'_> {
                 reference,
                 &stages,
                 &views,
-                Count::Exactly(options.choice_views()),
+                options.choice_views(),
                 options.choice_samples(),
                 progress,
             )?);

@@ -7,7 +7,7 @@ use super::{Asset, SimplifyOptions, Written, plain};
 use crate::bake;
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
-use crate::engine::judge::{self, Stage};
+use crate::engine::judge::Stage;
 use crate::engine::reference::{ENERGY, Reference};
 use crate::engine::surface::{self, Surface};
 use crate::engine::trainer::{HeldOut, Trained};
@@ -67,6 +67,8 @@ pub(super) struct Chosen {
     pub(super) own: Option<Shapes>,
     /// The asset with its own materials on as many triangles; `None` where nothing was compared, since the user stopped the work.
     pub(super) plain: Option<Stage>,
+    /// In how many views it was chosen, and whether something else might have been better in more of them.
+    pub(super) seen: Option<(u64, bool)>,
 }
 
 /// The fit judged itself by its own renderer; the choice among the fitted asset, the same with maps baked anew, the
@@ -105,15 +107,15 @@ pub(super) fn best(
     let stages: Vec<Stage> = scenes.iter().map(|s| Stage::new("", s.clone())).collect();
     let judge = options.judge_of(scene, n, reference);
     let (count, samples) = (options.choice_views(), options.choice_samples());
-    let scores = judge.scores(&stages, (count, options.smallest_picture()), samples, progress)?;
-    let best = judge::highest(&scores);
+    let ranking = judge.ranking(&stages, (count, options.smallest_picture()), samples, progress)?;
+    let best = ranking.best();
     let written = match best {
         0 => Written::Fitted,
         1 => Written::Rebaked,
         k => starts.get(k - 2).map_or(Written::Decimated, |start| start.made),
     };
     let fitted = (written != Written::Fitted && trained_steps > 0).then(|| scenes[0].clone());
-    let model = models.swap_remove(judge::highest(&scores[..models.len()]));
+    let model = models.swap_remove(ranking.best_of(0..models.len()));
     Ok(Chosen {
         trained: Trained { model, ..trained },
         light: scenes.swap_remove(best),
@@ -121,6 +123,8 @@ pub(super) fn best(
         fitted,
         own,
         plain: Some(plain),
+        // Who stopped the work cut the choice, too.
+        seen: (!progress.is_cancelled()).then(|| (ranking.views(), ranking.is_close())),
     })
 }
 
@@ -135,5 +139,5 @@ fn reached(
     let fitted = trained.history.iter().any(|h| h.quality > first);
     let written = if fitted { Written::Fitted } else { starts[start].made };
     let light = options.exported(&trained.model.candidate, n);
-    Chosen { trained, light, written, fitted: None, own: None, plain: None }
+    Chosen { trained, light, written, fitted: None, own: None, plain: None, seen: None }
 }

@@ -24,6 +24,8 @@ pub(super) struct Finished {
     pub(super) traced_maps: TracedMaps,
     /// The asset with its own materials on as many triangles, where something was compared with it.
     pub(super) plain: Option<Stage>,
+    /// As [`Chosen::seen`]; within a budget of bytes the files are compared once more.
+    pub(super) seen: Option<(u64, bool)>,
 }
 
 /// What is written of `chosen` and, where the file may have so many bytes only, of the asset with its own materials, which was not
@@ -36,7 +38,7 @@ pub(super) fn finish(
     options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<Finished, FitError> {
-    let Chosen { trained, light: new, written: was, mut fitted, own, plain } = chosen;
+    let Chosen { trained, light: new, written: was, mut fitted, own, plain, seen } = chosen;
     let with_maps =
         |light, written| fit_maps(asset, light, (written, trained.stopped, spent), options, progress);
     let (light, written, traced_maps) = match options.max_bytes {
@@ -52,7 +54,15 @@ pub(super) fn finish(
     if written != was && was == Written::Fitted && trained.steps > 0 {
         fitted = Some(options.exported(&trained.model.candidate, asset.n));
     }
-    Ok(Finished { trained, light, written, fitted, traced_maps, plain })
+    Ok(Finished {
+        trained,
+        light,
+        written,
+        fitted,
+        traced_maps,
+        plain,
+        seen: seen.filter(|_| options.max_bytes.is_none()),
+    })
 }
 
 /// The better of the files within a budget that the asset with `new` maps and that with its `own` materials come to; what that is; and how

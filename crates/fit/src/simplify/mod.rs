@@ -235,7 +235,7 @@ pub(crate) fn simplify_asset(
         outcome::tell_detail(&chosen.trained.model.candidate, n, progress);
     }
     let spent = fit_began.elapsed();
-    let Finished { trained, light, written, fitted, traced_maps, plain } =
+    let Finished { trained, light, written, fitted, traced_maps, plain, seen } =
         finish::finish(asset, chosen, spent, judged, options, progress)?;
     if trained.behind.is_some() && written != Written::Decimated {
         progress.warn(
@@ -257,7 +257,7 @@ pub(crate) fn simplify_asset(
     let told = options.judgement(given).made(pictures.len(), stages_beside(&stages));
     let plan =
         plan.with_judgement(told).with_result(written, [trained.steps, trained.reached()], traced_maps.row());
-    let plan = plan.with_behind(trained.behind);
+    let plan = plan.with_behind(trained.behind).with_choice(seen);
     let mut outcome =
         Outcome::new(triangles, trained, plan, &names, pictures, judge.method(&stages), times, options);
     outcome.device = device.name();

@@ -73,6 +73,8 @@ struct Ended {
     reached: u64,
     /// By how many dB it was behind fewer triangles alone when it ended early for that.
     behind: Option<f64>,
+    /// Views in which what is written was chosen, and whether something else might have been better in more of them.
+    choice: Option<(u64, bool)>,
 }
 
 impl FitPlan {
@@ -192,13 +194,23 @@ impl FitPlan {
         [steps, reached]: [u64; 2],
         traced_maps: Option<Item>,
     ) -> Self {
-        Self { traced_maps, result: Some(Ended { written, steps, reached, behind: None }), ..self }
+        Self {
+            traced_maps,
+            result: Some(Ended { written, steps, reached, behind: None, choice: None }),
+            ..self
+        }
     }
 
     /// Adds to the result by how many dB the fit was behind fewer triangles alone, where it ended early for that.
     #[must_use]
     pub(crate) fn with_behind(self, behind: Option<f64>) -> Self {
         Self { result: self.result.map(|r| Ended { behind, ..r }), ..self }
+    }
+
+    /// Adds to the result in how many views it was chosen, and whether something else might have been better in more of them.
+    #[must_use]
+    pub(crate) fn with_choice(self, choice: Option<(u64, bool)>) -> Self {
+        Self { result: self.result.map(|r| Ended { choice, ..r }), ..self }
     }
 
     /// Adds the phases of the fit.
@@ -308,7 +320,7 @@ impl FitPlan {
 }
 
 /// The row of what is written.
-fn written(Ended { written, steps, .. }: Ended, surfacing: Option<Surfacing>) -> Item {
+fn written(Ended { written, steps, choice, .. }: Ended, surfacing: Option<Surfacing>) -> Item {
     let maps = surfacing.unwrap_or_default().in_words();
     let why = match written {
         Written::Fitted if steps == 0 => "what the fit was to start from".to_owned(),
@@ -321,7 +333,17 @@ fn written(Ended { written, steps, .. }: Ended, surfacing: Option<Surfacing>) ->
         Written::Kept => "the asset's own surface on fewer triangles".to_owned(),
         Written::Whole => "the asset as it was given: no other file took so few bytes".to_owned(),
     };
-    Item::note("written asset", why)
+    let chosen = match choice {
+        Some((views, close)) => {
+            let views = crate::report::counted(views as usize, "view");
+            format!(
+                "; chosen in {views}{}",
+                if close { ", and something else may be better yet" } else { "" }
+            )
+        }
+        None => String::new(),
+    };
+    Item::note("written asset", why + &chosen)
 }
 
 impl From<&FitPlan> for PlanRows {

@@ -9,7 +9,10 @@
 //! attributes", 1999, are eliminated into the plain ones.
 //!
 //! After the collapses the positions are fitted to samples of the input surface, with edge flips in between (Hoppe et
-//! al., "Mesh optimization", 1993): at 1 to 3 % of the triangles this takes a third off the surface error.
+//! al., "Mesh optimization", 1993): at 1 to 3 % of the triangles this takes a third off the surface error. Attributes
+//! that are kept follow: what the triangles interpolate is fitted to the same samples by least squares, in which vertices of
+//! seams keep their texture coordinates, wedges with like normals or colours change as one, and samples that lie nearest to another group,
+//! to the other side of an edge of normals, or to another chart, do not count.
 //!
 //! Silhouettes go with the length of a part, not with its area, so thin components (ropes, straps) count more
 //! ([`Options::thin_power`]). Dropping a whole small component competes in the same queue at the price of collapsing
@@ -49,6 +52,7 @@ mod part;
 mod quadric;
 mod queue;
 mod refine;
+mod refit;
 mod run;
 mod setup;
 mod topology;

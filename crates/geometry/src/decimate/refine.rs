@@ -9,6 +9,7 @@ use super::DecimateError;
 use super::engine::Engine;
 use super::flip::flip;
 use super::quadric::Quadric;
+use super::refit::{Attributes, refit};
 use super::topology::{NONE, Topology};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -37,8 +38,12 @@ pub(super) struct Sample {
     pub(super) point: DVec3,
     normal: DVec3,
     pub(super) weight: f64,
-    triangle: u32,
-    at: DVec3,
+    /// Output triangle that it lies nearest to, and the barycentric coordinates of its place there.
+    pub(super) triangle: u32,
+    pub(super) at: DVec3,
+    /// Input triangle, and the barycentric coordinates of the second and third corner there.
+    pub(super) source: u32,
+    pub(super) within: [f64; 2],
 }
 
 /// The input surface as it was before the collapses.
@@ -48,6 +53,8 @@ pub(super) struct Original {
     pub(super) triangles: Vec<[u32; 3]>,
     /// Weight per area of each triangle.
     pub(super) weight: Vec<f64>,
+    /// What its vertices hold beside positions.
+    pub(super) attributes: Option<Attributes>,
 }
 
 /// Nearest point of a triangle: its barycentric coordinates (Ericson, Real-Time Collision Detection, 5.1.5).
@@ -128,7 +135,8 @@ fn samples(engine: &mut Engine<'_>, original: &Original) -> Vec<Sample> {
                 (u, v) = (1.0 - u, 1.0 - v);
             }
             let point = a + (b - a) * u + (c - a) * v;
-            out.push(Sample { point, normal, weight: step, triangle: own, at: DVec3::ZERO });
+            let (source, within) = (t as u32, [u, v]);
+            out.push(Sample { point, normal, weight: step, triangle: own, at: DVec3::ZERO, source, within });
         }
     }
     out
@@ -183,6 +191,11 @@ pub(super) fn refine(
                 }
             }
         }
+    }
+    if original.attributes.is_some() {
+        let (topology, positions) = (&engine.topology, &engine.positions);
+        samples.par_iter_mut().with_min_len(1 << 12).for_each(|s| place(topology, positions, s));
+        refit(engine, original, &samples);
     }
     Ok(())
 }

@@ -95,10 +95,12 @@ pub(super) fn engine<'a>(
             areas[i as usize] += area / 3.0;
         }
     }
-    let original = (options.refine_rounds > 0).then(|| Original {
+    let attributes = wedges.as_ref().map(Wedges::attributes);
+    let original = (options.refine_rounds > 0 || attributes.is_some()).then(|| Original {
         positions: soup.positions.clone(),
         triangles: soup.triangles,
         weight: weight.clone(),
+        attributes,
     });
     let mut engine = Engine {
         options,

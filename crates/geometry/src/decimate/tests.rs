@@ -1,6 +1,8 @@
 //! Quality and robustness on procedural meshes.
 
 mod locked;
+mod refit;
+mod seams;
 mod tiles;
 
 use super::*;

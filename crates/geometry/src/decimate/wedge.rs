@@ -6,6 +6,7 @@
 
 use super::clean::Soup;
 use super::quadric::Quadric;
+use super::refit::Attributes;
 use crate::Mesh;
 use glam::DVec3;
 use std::collections::BTreeMap;
@@ -166,9 +167,34 @@ impl Wedges {
         Self { width, corners, values, forms, uv, coordinates, bounds, scale }
     }
 
+    /// What the input surface has.
+    pub(super) fn attributes(&self) -> Attributes {
+        Attributes { width: self.width, values: self.values.clone(), corners: self.corners.clone() }
+    }
+
+    /// Attributes that belong together, and whether they are texture coordinates.
+    pub(super) fn blocks(&self) -> Vec<(Range<usize>, bool)> {
+        let (first, end) = (self.coordinates.start, self.coordinates.end);
+        let sets = (first..end).step_by(2).map(|k| (k..k + 2, true));
+        let others = [(0..first, false), (end..self.width, false)];
+        sets.chain(others.into_iter().filter(|(block, _)| !block.is_empty())).collect()
+    }
+
+    /// Whether a block holds normals: nothing but colours comes after coordinates, and they have four components.
+    pub(super) fn are_normals(&self, block: &Range<usize>) -> bool {
+        block.len() == 3
+    }
+
+    /// Adds to attribute `j` of a wedge, within its bounds, and those of colours, which are what a file may hold.
+    pub(super) fn change(&mut self, wedge: u32, j: usize, by: f64) {
+        let [lo, hi] = if j < self.coordinates.end { self.bound(wedge, j) } else { [0.0, self.scale[j]] };
+        let value = &mut self.values[wedge as usize * self.width + j];
+        *value = (*value + by).clamp(lo, hi);
+    }
+
     /// Value of attribute `j` of a wedge.
     #[inline]
-    fn value(&self, wedge: u32, j: usize) -> f64 {
+    pub(super) fn value(&self, wedge: u32, j: usize) -> f64 {
         self.values[wedge as usize * self.width + j]
     }
 

@@ -155,3 +155,6 @@ fn leaf_vjp(
 fn inside(value: f32, g: f32) -> f32 {
     if (0.0..=1.0).contains(&value) { g } else { 0.0 }
 }
+
+#[cfg(test)]
+mod tests;

@@ -99,3 +99,6 @@ impl At<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

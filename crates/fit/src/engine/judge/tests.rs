@@ -123,16 +123,16 @@ fn stages_are_put_in_order_by_the_pictures_of_the_report() {
     for (renderer, wanted) in [(JudgeRenderer::Auto, 1), (JudgeRenderer::Path, 1), (JudgeRenderer::Raster, 0)]
     {
         let judge = Judge { renderer, ..judge.clone() };
-        let scores = judge.scores(&stages, (2, None), 2, &Silent).unwrap();
+        let ranking = judge.ranking(&stages, (2, None), 2, &Silent).unwrap();
         let shown = judge.views(&stages, 2, &Silent).unwrap();
         let psnr = |k: usize| shown.iter().map(|v| v.quality[k].quality.psnr).sum::<f64>();
-        assert_eq!(highest(&scores), wanted, "{renderer:?}: {scores:?}");
+        assert_eq!(ranking.best(), wanted, "{renderer:?}: {ranking:?}");
         assert!(psnr(wanted) > psnr(1 - wanted), "{renderer:?}: the report agrees");
     }
     // Where the report is rasterized, the pictures of a fit to all light have no say.
     let lit = PathTraced::new(&coated, &n, MaterialFeatures::All, 0).unwrap().sampled(4);
     let judge = Judge { reference: &lit, renderer: JudgeRenderer::Raster, ..judge };
-    assert_eq!(highest(&judge.scores(&stages, (2, None), 2, &Silent).unwrap()), 0);
+    assert_eq!(judge.ranking(&stages, (2, None), 2, &Silent).unwrap().best(), 0);
 }
 
 #[test]
@@ -227,9 +227,9 @@ fn a_stop_within_a_path_traced_view_does_not_wait_for_it() {
     let mut other = scene.clone();
     other.materials[0].base_color = [0.1, 0.02, 0.02, 1.0];
     let stages = [Stage::new("stage", other)];
-    let scores = |progress: &dyn Progress| judge.scores(&stages, (4, None), 2, progress).unwrap();
-    let within = |view| scores(&StopsWithin { view, asked: std::sync::Mutex::default() });
-    let first = scores(&at_once());
+    let ranking = |progress: &dyn Progress| judge.ranking(&stages, (4, None), 2, progress).unwrap();
+    let within = |view| ranking(&StopsWithin { view, asked: std::sync::Mutex::default() });
+    let first = ranking(&at_once());
     assert_eq!(within(1), first);
     assert_ne!(within(2), first, "the second view counts");
 }

@@ -407,6 +407,12 @@ fn what_was_written_is_what_the_plan_tells() {
         assert!(!has_not.iter().any(|part| text.contains(part)), "{text}");
         assert!(text.contains("run  position gradients"), "{text}");
     }
+    let chosen = |choice| {
+        planned.clone().with_result(Written::Fitted, [9; 2], None).with_choice(Some(choice)).to_string()
+    };
+    let (clear, close) = (chosen((4, false)), chosen((28, true)));
+    assert!(clear.contains("what was fitted; chosen in 4 views\n"), "{clear}");
+    assert!(close.contains("chosen in 28 views, and something else may be better yet"), "{close}");
     let open = planned.to_string();
     assert_eq!(open.matches("where maps are new").count(), 3, "pictures decide: {open}");
     let still = told(Written::Baked, 0);
