@@ -12,8 +12,9 @@ use crate::shell::run_cargo;
 const TARGET: &str = "wasm32-unknown-unknown";
 
 /// What needs no files.
-const CRATES: [&str; 12] = [
+const CRATES: [&str; 13] = [
     "photofit-scalar",
+    "photofit-fft",
     "photofit-ktx2",
     "photofit-image",
     "photofit-texture",

@@ -11,7 +11,8 @@ NEEDS = ["numpy", "mitsuba"]
 #: Options that leave out one input or stage.
 WITHOUT = {
     **{stage: ["--without", stage] for stage in (
-        "albedo", "normal", "position", "variance", "exact", "demodulation", "widths", "highlights", "black", "detail", "jagged", "edges",
+        "albedo", "normal", "position", "variance", "noiseless", "demodulation", "bandwidth", "highlights", "zero-albedo", "detail",
+        "antialiasing", "edges",
     )},
     "fireflies": ["--keep-fireflies"],
 }

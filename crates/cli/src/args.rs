@@ -24,7 +24,7 @@ pub(crate) use surface::{Surface, SurfaceMethod, UpAxis};
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use photofit_fit::engine::judge::JudgeRenderer;
-use photofit_fit::engine::trainer::Keeping;
+use photofit_fit::engine::trainer::Checkpointing;
 use std::path::PathBuf;
 use std::time::Duration;
 pub(crate) use values::Device;
@@ -269,9 +269,9 @@ pub(crate) struct Course {
 }
 
 impl Course {
-    pub(crate) fn keeping(&self) -> Keeping {
+    pub(crate) fn keeping(&self) -> Checkpointing {
         let Running { checkpoint, resume, .. } = &self.running;
-        Keeping { checkpoint: checkpoint.clone(), resume: *resume, time_limit: self.time_limit }
+        Checkpointing { checkpoint: checkpoint.clone(), resume: *resume, time_limit: self.time_limit }
     }
 }
 

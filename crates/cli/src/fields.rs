@@ -4,7 +4,7 @@ use crate::args::has_option;
 use crate::status::Misuse;
 use anyhow::{Error, anyhow};
 use photofit_fit::FitError;
-use photofit_fit::simplify::Surfacing;
+use photofit_fit::simplify::Appearance;
 use photofit_scene::SceneError;
 use std::path::Path;
 
@@ -32,13 +32,13 @@ fn option(command: Command, field: &str) -> String {
 /// What a setting breaks.
 fn broken(command: Command, field: &str, rule: &str) -> String {
     // One field of the library is two options.
-    let surfacing = [
-        (Surfacing::Kept, "keep-uvs", "--keep-uvs"),
-        (Surfacing::VertexColors, "textures", "--textures none"),
+    let appearance = [
+        (Appearance::Kept, "keep-uvs", "--keep-uvs"),
+        (Appearance::VertexColors, "textures", "--textures none"),
     ];
-    for (value, name, option) in surfacing {
+    for (value, name, option) in appearance {
         let rest = rule.strip_prefix(&format!("is {}; it ", value.name()));
-        if let Some(rest) = rest.filter(|_| field == "surfacing" && has_option(command, name)) {
+        if let Some(rest) = rest.filter(|_| field == "appearance" && has_option(command, name)) {
             return format!("{option} {rest}");
         }
     }
@@ -102,9 +102,9 @@ mod tests {
         assert_eq!(option(SIMPLIFY, "reference"), "--reference");
         assert_eq!(option(RETEXTURE, "reference"), "reference", "an argument without a name there");
         let (kept, colors) = ("is kept; it goes with x", "is vertex colors; it goes with y");
-        assert_eq!(broken(SIMPLIFY, "surfacing", kept), "--keep-uvs goes with x");
-        assert_eq!(broken(SIMPLIFY, "surfacing", colors), "--textures none goes with y");
-        assert_eq!(broken(DEMO, "surfacing", kept), format!("surfacing {kept}"));
+        assert_eq!(broken(SIMPLIFY, "appearance", kept), "--keep-uvs goes with x");
+        assert_eq!(broken(SIMPLIFY, "appearance", colors), "--textures none goes with y");
+        assert_eq!(broken(DEMO, "appearance", kept), format!("appearance {kept}"));
         assert_eq!(option(SIMPLIFY, "lighting"), "--light");
         assert_eq!(broken(SIMPLIFY, "batch", "is 0; it must be 1 to 64"), "--batch is 0; it must be 1 to 64");
         assert_eq!(option(RETEXTURE, "texture_size"), "--texture-size");

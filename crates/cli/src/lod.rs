@@ -13,8 +13,8 @@ use photofit_fit::FitError;
 use photofit_fit::engine::chain::part_folder;
 use photofit_fit::engine::judge::Judged;
 use photofit_fit::lod::{
-    Apart, Blend, Level, LodChain, LodOptions, combined_path, level_path, report_folder, simplify_chain,
-    summary_path,
+    Blend, Level, LodChain, LodOptions, SurfaceDistance, combined_path, level_path, report_folder,
+    simplify_chain, summary_path,
 };
 use photofit_fit::report::PAGE;
 use photofit_fit::simplify::{TRACED_FOLDER, too_large_path};
@@ -159,7 +159,7 @@ fn tell(a: &Simplify, scene: &Scene, chain: &LodChain) -> Result<(Value, Option<
 
 /// How a level becomes the next one.
 fn blended(b: &Blend) -> Value {
-    let apart = |a: &Apart| {
+    let distance = |a: &SurfaceDistance| {
         json!({
             "max": a.largest,
             "mean": a.mean,
@@ -174,8 +174,8 @@ fn blended(b: &Blend) -> Value {
         "normals": b.normals,
         "popping_flip": b.popping.flip,
         "popping_outline": b.popping.outline,
-        "distance_weight_0": apart(&b.before),
-        "distance_weight_1": apart(&b.after),
+        "distance_weight_0": distance(&b.before),
+        "distance_weight_1": distance(&b.after),
         "turned_triangles": b.turned,
         "flattened_triangles": b.flattened,
     })
@@ -184,7 +184,7 @@ fn blended(b: &Blend) -> Value {
 /// The same in a line.
 fn told(level: &Level, b: &Blend) -> String {
     let (was, is) = (level.popping.unwrap_or_default(), b.popping);
-    let mean = |a: &Apart| 100.0 * a.mean.max(a.mean_back);
+    let mean = |a: &SurfaceDistance| 100.0 * a.mean.max(a.mean_back);
     format!(
         "turns into {} from {:.0} to {:.0} pixels; at the switch {:.1}% of the covered pixels change in place of {:.1}%, FLIP is {:.3} in \
          place of {:.3}, the mean distance {:.3}% of the diagonal in place of {:.3}%\n",

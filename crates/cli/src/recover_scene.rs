@@ -17,7 +17,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use glam::DVec3;
 use photofit_fit::FitError;
 use photofit_fit::engine::traced::{Smoothing, Traced, TracedParameter};
-use photofit_fit::engine::trainer::Keeping;
+use photofit_fit::engine::trainer::Checkpointing;
 use photofit_fit::recover_scene::{RecoverSceneOptions, recover_scene};
 use photofit_image::Image;
 use photofit_pathtrace::{View, World};
@@ -71,7 +71,11 @@ pub(crate) fn run(a: &RecoverScene) -> Result<Ending> {
         steps: a.traced.steps,
         rate: a.traced.rate,
         seed: a.scene.seed,
-        keeping: Keeping { checkpoint: a.checkpoint.clone(), resume: a.resume, time_limit: a.time_limit },
+        keeping: Checkpointing {
+            checkpoint: a.checkpoint.clone(),
+            resume: a.resume,
+            time_limit: a.time_limit,
+        },
     };
     interrupt::handle();
     let progress = Terminal::new();

@@ -16,8 +16,8 @@ use photofit_fit::engine::trainer::HistoryPoint;
 use photofit_fit::footprint::Task;
 use photofit_fit::report::{PAGE as REPORT_PAGE, ReportInfo, Verdict, write_report};
 use photofit_fit::simplify::{
-    Effort, FitRenderer, Init, JudgeRenderer, Judged, Mips, Outcome, Quality, ReferenceRenderer, Resolved,
-    SimplifyOptions, Surfacing, TRACED_FOLDER, Written, simplify_resolved, too_large_path,
+    Appearance, Effort, FitRenderer, Init, JudgeRenderer, Judged, Mips, Outcome, Quality, ReferenceRenderer,
+    Resolved, SimplifyOptions, TRACED_FOLDER, Written, simplify_resolved, too_large_path,
 };
 use photofit_fit::traced_maps::MapsCourse;
 use photofit_geometry::decimate::Target;
@@ -191,10 +191,10 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
         own_textures: !a.new_maps,
         whole_textures: a.texture_size.is_none() && a.screen_size.is_none() && a.lod.is_empty(),
         own_texture_size: a.texture_size,
-        surfacing: match a.textures {
-            Some(TextureFormat::None) => Surfacing::VertexColors,
-            _ if a.keep_uvs => Surfacing::Kept,
-            _ => Surfacing::Maps,
+        appearance: match a.textures {
+            Some(TextureFormat::None) => Appearance::VertexColors,
+            _ if a.keep_uvs => Appearance::Kept,
+            _ => Appearance::Maps,
         },
         lock_borders: a.lock_borders,
         lock: lock(a),
@@ -267,7 +267,7 @@ impl Job<'_> {
     pub(crate) fn check(&self, scene: &Scene, options: &SimplifyOptions) -> Result<()> {
         scene.validate_for_fit().map_err(|e| explain_error(self.command, self.input, e.into()))?;
         // Nothing is baked where the asset keeps its own textures.
-        let side = if options.surfacing == Surfacing::Kept { 0 } else { options.texture_size };
+        let side = if options.appearance == Appearance::Kept { 0 } else { options.texture_size };
         let task = match options.mips {
             Mips::Classic => Task::Simplify,
             Mips::Free => Task::SimplifyFreeMips,
@@ -282,8 +282,8 @@ impl Job<'_> {
         if self.explain {
             let plan = resolved.options().plan(scene, options.rasterized_against().kind());
             let (effort, steps) = (options.effort, options.fit_steps());
-            let asked = match options.surfacing {
-                Surfacing::Kept => effort.about_choice(),
+            let asked = match options.appearance {
+                Appearance::Kept => effort.about_choice(),
                 _ => format!("{}; {steps} steps are asked for", effort.about()),
             };
             print(&format!("effort {}: {asked}\n", effort.name()))?;

@@ -6,7 +6,7 @@
 
 mod blend;
 
-pub use blend::{Apart, Blend, weighted};
+pub use blend::{Blend, SurfaceDistance, weighted};
 
 use crate::engine::chain::{FitChain, MOST_PARTS, part_folder};
 use crate::engine::judge::{Popping, Quality, Stage, popping};

@@ -27,7 +27,7 @@ use photofit_image::Image;
 use std::path::Path;
 
 /// Fewest pictures.
-pub const FEWEST: usize = 8;
+pub const MIN_PICTURES: usize = 8;
 /// Every picture of this number is held out.
 pub const HELD_OUT_EVERY: usize = 8;
 /// Most pixels along a side of a picture that is fitted: what a step holds grows with the picture. Larger ones are reduced
@@ -62,11 +62,11 @@ impl PictureFolder {
     /// coverage that `outline` draws of the asset for their camera: one sample per pixel.
     ///
     /// # Errors
-    /// [`FitError::Pictures`] names file, frame and rule: fewer than [`FEWEST`] pictures, a missing or broken picture, a
+    /// [`FitError::Pictures`] names file, frame and rule: fewer than [`MIN_PICTURES`] pictures, a missing or broken picture, a
     /// matrix that is not rigid, a lens with distortion, a path that leaves the folder, too many pixels, cameras of which
     /// none sees the asset.
     pub fn load(path: &Path, frame: FitFrame, seed: u64, outline: Outline<'_>) -> Result<Self, FitError> {
-        let posed = PosedPictures::open(path)?.read(FEWEST, MOST_SIDE)?;
+        let posed = PosedPictures::open(path)?.read(MIN_PICTURES, MOST_SIDE)?;
         Self::in_frame(posed, frame, seed, Some(outline))
     }
 

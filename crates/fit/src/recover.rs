@@ -14,7 +14,7 @@ use crate::engine::plan::rows::{self, Work};
 use crate::engine::plan::{Item, PlanRows, SurfacePlan};
 use crate::engine::reference::{Rasterized, Reference};
 use crate::engine::surface::{MAPS, Surface};
-use crate::engine::trainer::{HistoryPoint, Job, Keeping, Measure, Phase};
+use crate::engine::trainer::{Checkpointing, HistoryPoint, Job, Measure, Phase};
 use crate::engine::unwrap::unwrapped;
 use crate::engine::views::Sampling;
 use crate::engine::{LightAsset, Normalised};
@@ -51,7 +51,7 @@ pub struct RecoverOptions {
     /// Where the fit runs.
     pub device: Device,
     /// Checkpoints and limits.
-    pub keeping: Keeping,
+    pub keeping: Checkpointing,
 }
 
 impl Default for RecoverOptions {
@@ -63,7 +63,7 @@ impl Default for RecoverOptions {
             loss: None,
             seed: 0,
             device: Device::default(),
-            keeping: Keeping::default(),
+            keeping: Checkpointing::default(),
         }
     }
 }
@@ -316,7 +316,7 @@ pub(crate) fn grey(
         texel[fitted..fitted + 3].fill(GREY);
         texel[channel::ROUGHNESS] = ROUGHNESS;
         // An unlit surface does not reflect.
-        texel[channel::GAMMA] = f32::from(u8::from(!lit));
+        texel[channel::SPECULAR_SUPPRESSION] = f32::from(u8::from(!lit));
     }
     candidate.set_maps(maps);
     let mut samples = [false; CHANNELS];

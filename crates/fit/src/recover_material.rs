@@ -18,7 +18,7 @@ use crate::engine::chain::{FitChain, MOST_PARTS, OfPart};
 use crate::engine::plan::{Item, PlanRows};
 use crate::engine::reference::{ENERGY, MaterialFeatures, world};
 use crate::engine::traced::{Smoothing, Traced};
-use crate::engine::trainer::{HistoryPoint, Keeping};
+use crate::engine::trainer::{Checkpointing, HistoryPoint};
 use crate::engine::{FitFrame, NotFinite};
 use crate::guiding::{Guiding, GuidingOptions, GuidingReport};
 use crate::recover::left_out;
@@ -72,7 +72,7 @@ pub struct RecoverMaterialOptions {
     /// Seed of all random choices.
     pub seed: u64,
     /// Checkpoints, one for each round ([`part_folder`](crate::engine::chain::part_folder)), and limits.
-    pub keeping: Keeping,
+    pub keeping: Checkpointing,
 }
 
 impl Default for RecoverMaterialOptions {
@@ -96,14 +96,14 @@ impl Default for RecoverMaterialOptions {
             max_depth: 4,
             smoothing: Smoothing::Laplacian,
             seed: 0,
-            keeping: Keeping::default(),
+            keeping: Checkpointing::default(),
         }
     }
 }
 
-/// A guide for a round: four rounds of training and a rehearsal of 8 paths at 32 pixels a side.
+/// A guide for a round: four rounds of training and a pilot run of 8 paths at 32 pixels a side.
 pub fn guiding(guiding: Guiding) -> GuidingOptions {
-    GuidingOptions { side: 32, rounds: 4, rehearsal: 8, ..GuidingOptions::new(guiding) }
+    GuidingOptions { side: 32, rounds: 4, pilot: 8, ..GuidingOptions::new(guiding) }
 }
 
 /// What was recovered.

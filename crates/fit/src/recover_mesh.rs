@@ -21,7 +21,7 @@ use crate::engine::judge::{Quality, ReportView, Stage};
 use crate::engine::loss::PictureLoss;
 use crate::engine::plan::{PlanRows, rows};
 use crate::engine::surface::{MAPS, POSITIONS, PositionOptimizer, Surface};
-use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Phase, Trained};
+use crate::engine::trainer::{Checkpointing, HeldOut, HistoryPoint, Job, Phase, Trained};
 use crate::engine::views::Sampling;
 use crate::error::in_ranges;
 use crate::pictures::PictureFolder;
@@ -42,7 +42,7 @@ const RATE_OF_NEXT: f64 = 0.5;
 /// Most times that triangles are split on the way to the budget.
 pub const MOST_LEVELS: u32 = 3;
 /// Fewest triangles to start from.
-const FEWEST: usize = 80;
+const MIN_TRIANGLES: usize = 80;
 /// Options of [`recover_mesh`].
 #[derive(Clone, Debug)]
 pub struct RecoverMeshOptions {
@@ -61,7 +61,7 @@ pub struct RecoverMeshOptions {
     /// Where the fit runs.
     pub device: Device,
     /// Checkpoints and limits.
-    pub keeping: Keeping,
+    pub keeping: Checkpointing,
 }
 
 impl Default for RecoverMeshOptions {
@@ -74,7 +74,7 @@ impl Default for RecoverMeshOptions {
             batch: 2,
             seed: 0,
             device: Device::default(),
-            keeping: Keeping::default(),
+            keeping: Checkpointing::default(),
         }
     }
 }
@@ -237,7 +237,7 @@ impl Fit<'_> {
         &self,
         model: Surface,
         (level, levels): (u32, u32),
-        keeping: &Keeping,
+        keeping: &Checkpointing,
         progress: &dyn Progress,
     ) -> Result<(Trained<Surface>, Device, PlanRows), FitError> {
         let Self { photos, held_out, options } = self;
@@ -305,7 +305,7 @@ impl RecoverMeshOptions {
         let rules = [
             ("texture_size", self.texture_size, 16..=8192),
             ("batch", self.batch, 1..=64),
-            ("triangles", self.triangles, FEWEST..=MOST_TRIANGLES),
+            ("triangles", self.triangles, MIN_TRIANGLES..=MOST_TRIANGLES),
         ];
         in_ranges(rules)
     }

@@ -14,7 +14,7 @@ use crate::engine::given::{GivenPicture, GivenPictures, Order};
 use crate::engine::loss;
 use crate::engine::plan::{Item, PlanRows, rows};
 use crate::engine::traced::{ComparedPixels, Smoothing, Traced, TracedParameter, WHOLE};
-use crate::engine::trainer::{HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
+use crate::engine::trainer::{Checkpointing, HeldOut, HistoryPoint, Job, Measure, Phase, train};
 use crate::engine::views::{Sampling, ViewCamera, ViewLights};
 use crate::{FitError, Progress};
 use photofit_image::Image;
@@ -46,12 +46,12 @@ pub struct RecoverSceneOptions {
     /// Seed of the order of views; that of pictures and gradients is [`Traced::options`]'.
     pub seed: u64,
     /// Checkpoints and limits.
-    pub keeping: Keeping,
+    pub keeping: Checkpointing,
 }
 
 impl Default for RecoverSceneOptions {
     fn default() -> Self {
-        Self { steps: 200, rate: 0.05, seed: 0, keeping: Keeping::default() }
+        Self { steps: 200, rate: 0.05, seed: 0, keeping: Checkpointing::default() }
     }
 }
 

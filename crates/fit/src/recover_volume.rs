@@ -8,7 +8,7 @@ use crate::engine::chain::{FitChain, OfPart};
 use crate::engine::plan::PlanRows;
 use crate::engine::reference::path_lights;
 use crate::engine::traced::{Smoothing, Traced, TracedParameter};
-use crate::engine::trainer::{HistoryPoint, Keeping};
+use crate::engine::trainer::{Checkpointing, HistoryPoint};
 use crate::engine::views::ViewLights;
 use crate::recover_scene::{self, RecoverSceneOptions};
 use crate::{FitError, Progress};
@@ -74,7 +74,7 @@ pub struct RecoverVolumeOptions {
     /// Seed of all random choices.
     pub seed: u64,
     /// Checkpoints, one for each grid ([`part_folder`](crate::engine::chain::part_folder)), and limits.
-    pub keeping: Keeping,
+    pub keeping: Checkpointing,
 }
 
 impl Default for RecoverVolumeOptions {
@@ -92,7 +92,7 @@ impl Default for RecoverVolumeOptions {
             max_depth: 16,
             smoothing: Smoothing::default(),
             seed: 0,
-            keeping: Keeping::default(),
+            keeping: Checkpointing::default(),
         }
     }
 }

@@ -18,11 +18,11 @@ use crate::engine::export::to_scene;
 use crate::engine::fingerprint::Fingerprint;
 use crate::engine::judge::{self, Judge, JudgeRenderer, Judged, Quality, ReportView, Stage};
 use crate::engine::loss;
-use crate::engine::plan::{Asked, Item, PlanRows, SurfacePlan, rows};
+use crate::engine::plan::{FitRequest, Item, PlanRows, SurfacePlan, rows};
 use crate::engine::posed::{Posed, same_triangles};
 use crate::engine::reference::{Rasterized, Reference, SAMPLES, SUPERSAMPLE};
 use crate::engine::surface::{MAPS, POSITIONS, Surface, fade_over, rate_of_maps, rate_of_positions};
-use crate::engine::trainer::{self, HeldOut, HistoryPoint, Job, Keeping, Phase};
+use crate::engine::trainer::{self, Checkpointing, HeldOut, HistoryPoint, Job, Phase};
 use crate::engine::views::{Lighting, Moment, Orbit, OverMoments, Sampling};
 use crate::error::in_ranges;
 use crate::simplify::Written;
@@ -62,7 +62,7 @@ pub struct RetextureOptions {
     /// Where the fit runs.
     pub device: Device,
     /// Checkpoints and limits.
-    pub keeping: Keeping,
+    pub keeping: Checkpointing,
 }
 
 impl Default for RetextureOptions {
@@ -78,7 +78,7 @@ impl Default for RetextureOptions {
             seed: 0,
             report_views: 8,
             device: Device::default(),
-            keeping: Keeping::default(),
+            keeping: Checkpointing::default(),
         }
     }
 }
@@ -157,7 +157,7 @@ pub fn retexture(
         let at_rest = candidate.vertices_through(&[&**to_bind, &*own.deformation(Moment::default())?]);
         candidate.set_maps(baked(&n, surface, &candidate, (at_rest, None), progress)?.0);
     }
-    let asked = Asked { steps: options.steps, moves, reference: reference_pictures.kind() };
+    let asked = FitRequest { steps: options.steps, moves, reference: reference_pictures.kind() };
     let fitted = SurfacePlan::new(&candidate, asked);
     let steps = if moves || fitted.passes.map_gradients { options.steps } else { 0 };
     let model = Posed::new(Surface::new(candidate, &fitted), &own, to_bind);

@@ -12,7 +12,7 @@ use crate::engine::loss::{self, PictureLoss};
 use crate::engine::plan::{Item, PlanRows, rows};
 use crate::engine::reference::{self, ENERGY, MaterialFeatures, PathTraced, SAMPLES};
 use crate::engine::traced::{ComparedPixels, Traced, TracedParameter, WHOLE};
-use crate::engine::trainer::{HELD_OUT, HeldOut, HistoryPoint, Job, Keeping, Measure, Phase, train};
+use crate::engine::trainer::{Checkpointing, HELD_OUT, HeldOut, HistoryPoint, Job, Measure, Phase, train};
 use crate::engine::views::{Lighting, Orbit, Sampling};
 use crate::{FitError, Progress};
 use photofit_image::linear_to_srgb_u8;
@@ -47,7 +47,7 @@ pub struct TracedMapsOptions {
     /// Seed of all draws.
     pub seed: u64,
     /// Checkpoints and limits.
-    pub keeping: Keeping,
+    pub keeping: Checkpointing,
 }
 
 impl Default for TracedMapsOptions {
@@ -63,7 +63,7 @@ impl Default for TracedMapsOptions {
             new_map: None,
             lighting: Lighting::default(),
             seed: 0,
-            keeping: Keeping::default(),
+            keeping: Checkpointing::default(),
         }
     }
 }

@@ -7,10 +7,10 @@ use photofit_fit::engine::cpu::{Chain, Cpu};
 use photofit_fit::engine::fingerprint::Fingerprint;
 use photofit_fit::engine::loss::PictureLoss;
 use photofit_fit::engine::model::{Group, ModelError};
-use photofit_fit::engine::plan::{Asked, SurfacePlan};
+use photofit_fit::engine::plan::{FitRequest, SurfacePlan};
 use photofit_fit::engine::reference::{Rasterized, ReferenceKind};
 use photofit_fit::engine::surface::Surface;
-use photofit_fit::engine::trainer::{HeldOut, Job, Keeping, Phase, train};
+use photofit_fit::engine::trainer::{Checkpointing, HeldOut, Job, Phase, train};
 use photofit_fit::views::{Lighting, Orbit, Sampling, Shot};
 use photofit_fit::{FitError, Silent};
 use photofit_geometry::weld::weld_exact;
@@ -162,7 +162,7 @@ fn flat_map(n: &Normalised) -> Displaced {
     let level = Level { offset: 0, width: TEXELS[0], height: TEXELS[1] };
     let first = weld.pick(&(0..mesh.positions.len()).collect::<Vec<usize>>());
     let up = |v: &usize| frame.to_frame(sphere.positions[*v] * 2.0) - frame.to_frame(sphere.positions[*v]);
-    let asked = Asked { steps: STEPS, moves: true, reference: ReferenceKind::RASTERIZED };
+    let asked = FitRequest { steps: STEPS, moves: true, reference: ReferenceKind::RASTERIZED };
     Displaced {
         rest: candidate.positions.clone(),
         directions: first.iter().map(up).collect(),
@@ -202,7 +202,7 @@ fn a_displacement_map_joins_the_engine_from_outside() -> Result<(), FitError> {
         fresh: 1,
         steps: STEPS,
         rival: None,
-        keeping: &Keeping::default(),
+        keeping: &Checkpointing::default(),
         fingerprint: Fingerprint::default(),
     };
     let phases = |_| {

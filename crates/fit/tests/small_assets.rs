@@ -84,7 +84,7 @@ fn a_fit_beats_its_own_start() {
     let first = outcome.history[0].quality;
     assert!(best > first + MARGIN, "held-out views: {first:.2} dB became {best:.2}");
     let stage = |name| *outcome.stage(name).expect("every stage is judged");
-    let (baked, wrapped, fitted) = (stage("baked"), stage("wrapped"), stage("fitted"));
+    let (baked, wrapped, fitted) = (stage("baked"), stage("shrink-wrapped"), stage("fitted"));
     let start = baked.psnr.max(wrapped.psnr);
     assert!(outcome.triangles_out <= 150);
     assert!(fitted.psnr > start + MARGIN, "{:.2} dB became {:.2}", start, fitted.psnr);

@@ -24,6 +24,7 @@ pub mod shapes;
 pub mod skinning;
 pub mod subdivide;
 pub mod tangents;
+mod vertex_fit;
 pub mod weld;
 
 pub use adjacency::{Edges, NONE};
@@ -33,4 +34,5 @@ pub use incidence::Incidence;
 pub use mesh::Mesh;
 pub use opposed::opposed;
 pub use split::Split;
+pub use vertex_fit::VertexFit;
 pub use weld::Weld;

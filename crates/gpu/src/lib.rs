@@ -56,7 +56,7 @@ pub use fixed::{FIXED, FIXED_LIMITED, FIXED_LOST, FIXED_READ, fixed_words};
 pub use kernel::{INDEX, Kernel, Z_CURVE, validate};
 pub use memory::Caps;
 pub use profile::KernelReport;
-pub use record::{Inlet, Recorder, Recording, Slot};
+pub use record::{CopySlot, Recorder, Recording, Slot};
 #[cfg(not(target_arch = "wasm32"))]
 pub use testing::{assert_twin, run_device_tests, test_device};
 

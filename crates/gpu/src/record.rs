@@ -13,7 +13,7 @@ const GROUPS: u32 = 65_535;
 
 /// A copy whose source is named before each run, by [`Recording::set_source`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Inlet {
+pub struct CopySlot {
     command: usize,
     bytes: u64,
 }
@@ -48,7 +48,7 @@ pub(crate) enum Command {
     },
     Clear(Raw),
     Copy {
-        /// Source and where it is read from, in bytes; none until an [`Inlet`] is set.
+        /// Source and where it is read from, in bytes; none until a [`CopySlot`] is set.
         from: Option<(Raw, u64)>,
         to: Raw,
         bytes: u64,
@@ -188,14 +188,14 @@ impl Recorder {
     ///
     /// # Errors
     /// If the elements do not fill words of 4 bytes.
-    pub fn copy_in<T: bytemuck::Pod>(&mut self, to: &Buffer<T>) -> Result<Inlet, GpuError> {
+    pub fn copy_in<T: bytemuck::Pod>(&mut self, to: &Buffer<T>) -> Result<CopySlot, GpuError> {
         let bytes = to.bytes();
         if !bytes.is_multiple_of(4) {
             return Err(to.error("elements that are copied fill words of 4 bytes".into()));
         }
-        let inlet = Inlet { command: self.commands.len(), bytes };
+        let slot = CopySlot { command: self.commands.len(), bytes };
         self.commands.push(Command::Copy { from: None, to: to.raw.clone(), bytes, room: bytes });
-        Ok(inlet)
+        Ok(slot)
     }
 
     /// Ends the list.
@@ -269,22 +269,22 @@ impl Recording {
     /// If the copy belongs to another recording.
     pub fn set_source<T: bytemuck::Pod>(
         &mut self,
-        inlet: Inlet,
+        slot: CopySlot,
         source: &Buffer<T>,
         elements: Range<usize>,
     ) -> Result<(), GpuError> {
-        let Some(Command::Copy { from, to, bytes, room }) = self.commands.get_mut(inlet.command) else {
+        let Some(Command::Copy { from, to, bytes, room }) = self.commands.get_mut(slot.command) else {
             panic!("a copy of this recording");
         };
-        assert_eq!(*room, inlet.bytes, "a copy of this recording");
+        assert_eq!(*room, slot.bytes, "a copy of this recording");
         let size = size_of::<T>();
         let [offset, length] = [elements.start, elements.len()].map(|n| (n * size) as u64);
-        if elements.end > source.len() || length > inlet.bytes || source.raw == *to {
+        if elements.end > source.len() || length > slot.bytes || source.raw == *to {
             return Err(source.error(format!(
                 "has {} elements of {size} bytes; of a copy of at most {} bytes {elements:?} cannot be read, or it is the \
                  buffer that is filled",
                 source.len(),
-                inlet.bytes
+                slot.bytes
             )));
         }
         (*from, *bytes) = (Some((source.raw.clone(), offset)), length);

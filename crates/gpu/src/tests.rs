@@ -294,19 +294,19 @@ fn sources_of_copies_change_from_run_to_run() {
     let [a, b] = [[1.0_f32, 2.0, 3.0], [4.0, 5.0, 6.0]].map(|x| gpu.upload("source", &x).expect("uploaded"));
     let to = gpu.zeros::<f32>("to", 2).expect("made");
     let mut r = gpu.record("copies");
-    let inlet = r.copy_in(&to).expect("fits");
+    let slot = r.copy_in(&to).expect("fits");
     let mut recording = r.finish().expect("recorded");
     recording.run().expect("runs");
     assert_eq!(gpu.read(&to).expect("read"), [0.0; 2], "no source yet");
     let cases =
         [(&a, 0..2, [1.0, 2.0]), (&b, 1..3, [5.0, 6.0]), (&b, 0..1, [4.0, 6.0]), (&a, 0..2, [1.0, 2.0])];
     for (source, elements, expected) in cases {
-        recording.set_source(inlet, source, elements).expect("fits");
+        recording.set_source(slot, source, elements).expect("fits");
         recording.run().expect("runs");
         assert_eq!(gpu.read(&to).expect("read"), expected);
     }
     for (wrong, elements) in [(&a, 2..4), (&a, 0..3), (&to, 0..2)] {
-        let refused = recording.set_source(inlet, wrong, elements);
+        let refused = recording.set_source(slot, wrong, elements);
         assert!(matches!(refused, Err(GpuError::Buffer { .. })), "{refused:?}");
     }
 }

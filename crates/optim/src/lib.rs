@@ -9,7 +9,7 @@
 //! |---|---|---|
 //! | `mesh` | diffusion over meshes: `LargeSteps`, `EdgeAware`, `SampledNormals` | `faer` (sparse Cholesky) |
 //! | `gpu` | twins of a fit's optimizers on a device: module `gpu` | `wgpu` |
-//! | `fft` | diffusion over grids: `ScreenedPoisson` | `realfft` |
+//! | `fft` | diffusion over grids: `ScreenedPoisson` | `photofit-fft` |
 //!
 //! None is on by default: optimizers, bilateral filters and [`sampled`] derivatives need neither.
 

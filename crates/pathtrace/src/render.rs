@@ -5,7 +5,7 @@ use crate::camera::{Prepared, View};
 use crate::error::invalid;
 use crate::film::{Aov, Film, Filter, Key, Observer, Recorder, TILE, Tile};
 use crate::integrator::path::{trace_with, walk};
-use crate::integrator::{Kernel, PathOptions, PathSample, Sink, Strategy, teaching};
+use crate::integrator::{Kernel, PathOptions, PathSample, Sink, Strategy, uniform};
 use crate::plan::{self, Features, RenderPlan};
 use crate::random::{PathRandom, PixelRandom};
 use crate::world::{World, WorldRay};
@@ -28,7 +28,7 @@ pub enum Integrator {
     #[default]
     Path,
     /// The minimal path tracer: plain recursion, uniform directions. For tests and comparisons.
-    Teaching,
+    Uniform,
 }
 
 /// What is rendered.
@@ -364,7 +364,7 @@ impl<'a> Renderer<'a> {
     fn kernel(&self) -> Kernel {
         match self.options.integrator {
             Integrator::Path => self.plan.kernels[usize::from(!self.options.aovs.is_empty())],
-            Integrator::Teaching => teaching::trace,
+            Integrator::Uniform => uniform::trace,
         }
     }
 

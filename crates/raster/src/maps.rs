@@ -12,7 +12,7 @@ pub mod channel {
     /// Straight alpha.
     pub const ALPHA: usize = 3;
     /// Specular suppression gamma (0 = full specular lobe).
-    pub const GAMMA: usize = 4;
+    pub const SPECULAR_SUPPRESSION: usize = 4;
     /// Perceptual roughness.
     pub const ROUGHNESS: usize = 5;
     /// Metalness.

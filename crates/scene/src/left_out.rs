@@ -1,6 +1,6 @@
 //! What an asset holds besides surfaces, and what of it a simplified asset keeps.
 
-use crate::{About, Scene};
+use crate::{AssetInfo, Scene};
 use std::collections::BTreeSet;
 
 impl Scene {
@@ -25,7 +25,7 @@ impl Scene {
                 out.push(count(have - kept, what));
             }
         }
-        if self.about != light.about && self.about != About::default() {
+        if self.about != light.about && self.about != AssetInfo::default() {
             out.push("what the file says about itself (copyright, name of the scene, extras)".into());
         }
         if let Some(h) = self.hierarchy.as_deref() {
@@ -114,7 +114,7 @@ impl Scene {
     }
 }
 
-impl About {
+impl AssetInfo {
     /// Those of the file, its asset and its scene that have application data.
     fn extras(&self) -> usize {
         [&self.asset_extras, &self.root_extras, &self.scene_extras].into_iter().flatten().count()

@@ -39,7 +39,8 @@ pub use model::{
     Instance, MAX_FLAT, Memory, Primitive, Scene, TextureEncoding, TextureImage, VertexAttribute,
 };
 pub use nodes::{
-    About, Hierarchy, Lens, Node, NodeCamera, NodeLight, NodeMesh, NodePrimitive, NodeTransform, Placement,
+    AssetInfo, Hierarchy, Lens, Node, NodeCamera, NodeLight, NodeMesh, NodePrimitive, NodeTransform,
+    Placement,
 };
 pub use pose::Pose;
 pub use save::{Compression, save_glb, save_glb_lods, save_glb_with, to_glb, to_glb_with, write_glb};

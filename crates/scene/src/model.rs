@@ -1,7 +1,7 @@
 //! The scene: primitives, their placements, materials and images.
 
 use crate::error::{Fault, fault};
-use crate::nodes::{About, Hierarchy};
+use crate::nodes::{AssetInfo, Hierarchy};
 use crate::skin::Bind;
 use crate::{Camera, LightKind, Material, PunctualLight, SceneError, TextureSlot};
 use photofit_geometry::Mesh;
@@ -138,7 +138,7 @@ pub struct Scene {
     /// made by hand.
     pub hierarchy: Option<Arc<Hierarchy>>,
     /// What the file says about itself.
-    pub about: About,
+    pub about: AssetInfo,
     /// Names of the extensions that the file uses and the loader does not read.
     pub ignored_extensions: Vec<String>,
     /// Objects of the file whose application data is not kept.

@@ -199,7 +199,7 @@ pub struct NodeLight {
 
 /// What a file says about itself.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct About {
+pub struct AssetInfo {
     /// Copyright notice of the asset.
     pub copyright: String,
     /// Name of the default scene.

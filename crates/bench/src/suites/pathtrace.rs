@@ -1,4 +1,4 @@
-//! Path tracing: error against time at 1 to 256 samples per pixel, with the teaching integrator as baseline; and what
+//! Path tracing: error against time at 1 to 256 samples per pixel, with the uniform integrator as baseline; and what
 //! each skip of the plan saves.
 
 use anyhow::Result;
@@ -37,7 +37,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
 fn convergence(ctx: &mut Context) -> Result<()> {
     let world = World::new(boxed())?;
     let reference = shot(&world, Integrator::Path, Features::default(), REFERENCE, 1)?;
-    let methods = [("path", Integrator::Path), ("teaching", Integrator::Teaching)];
+    let methods = [("path", Integrator::Path), ("uniform", Integrator::Uniform)];
     let baseline = ctx.baseline();
     for (name, integrator) in methods.into_iter().filter(|m| baseline || m.1 == Integrator::Path) {
         let mut points = Vec::new();

@@ -6,7 +6,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand, ValueEnum};
 use photofit_fit::engine::loss::PictureLoss;
 use photofit_fit::engine::surface::PositionOptimizer;
-use photofit_fit::engine::trainer::Keeping;
+use photofit_fit::engine::trainer::Checkpointing;
 use photofit_fit::recover_mesh::MOST_TRIANGLES;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -154,9 +154,9 @@ pub(crate) struct TracedCourse {
 }
 
 impl TracedCourse {
-    pub(crate) fn keeping(&self) -> Keeping {
+    pub(crate) fn keeping(&self) -> Checkpointing {
         let Running { checkpoint, resume, .. } = &self.running;
-        Keeping { checkpoint: checkpoint.clone(), resume: *resume, time_limit: self.time_limit }
+        Checkpointing { checkpoint: checkpoint.clone(), resume: *resume, time_limit: self.time_limit }
     }
 }
 

@@ -42,7 +42,7 @@ fn the_main_job_end_to_end() {
     for part in [
         "decimated",
         "baked",
-        "wrapped",
+        "shrink-wrapped",
         "fitted",
         "what ran",
         "skip transparent layers",
@@ -57,12 +57,12 @@ fn the_main_job_end_to_end() {
     assert_eq!(f["triangles_out"], light.triangle_count());
     assert_eq!(f["steps"], 8);
     let written = f["written"].as_str().unwrap();
-    assert!(["fitted", "rebaked", "wrapped", "baked", "decimated"].contains(&written), "{written}");
+    assert!(["fitted", "rebaked", "shrink-wrapped", "baked", "decimated"].contains(&written), "{written}");
     for key in ["seconds", "mpix_per_s"] {
         assert!(f[key].as_f64().is_some_and(|x| x > 0.0), "{key}: {}", f[key]);
     }
     assert_eq!(f["peak_rss_mb"].is_number(), cfg!(target_os = "linux"));
-    for stage in ["decimated", "baked", "wrapped", "fitted", "file"] {
+    for stage in ["decimated", "baked", "shrink-wrapped", "fitted", "file"] {
         let psnr = f[stage]["psnr"].as_f64().unwrap();
         assert!((8.0..=60.0).contains(&psnr), "{stage}: {psnr}");
         assert!(f[stage]["ssim"].is_number() && f[stage]["flip"].is_number());
@@ -402,7 +402,7 @@ fn an_effort_is_told_and_what_is_said_beside_it_counts() {
     let f = json(&d.join("f.json"));
     assert_eq!((f["effort"].as_str(), f["steps"].as_u64()), (Some("fast"), Some(3)));
     assert_eq!(f["views"].as_array().map(Vec::len), Some(4));
-    assert!(f["baked"].is_null() && f["wrapped"].is_object(), "one start: {text}");
+    assert!(f["baked"].is_null() && f["shrink-wrapped"].is_object(), "one start: {text}");
     assert!(
         text.contains("steps                  3 of at most 3") && text.contains("unseen triangles"),
         "{text}"

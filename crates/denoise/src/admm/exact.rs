@@ -8,11 +8,11 @@
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
+use photofit_fft::Complex;
 use rayon::prelude::{
     IndexedParallelIterator, IntoParallelRefIterator, IntoParallelRefMutIterator, ParallelIterator,
     ParallelSliceMut,
 };
-use realfft::num_complex::Complex;
 
 use super::rows::{add_hessian_adjoint, subtract_divergence};
 use super::split::{Frame, Rows, SplitScratch, TERMS, Term, update_data, update_term};

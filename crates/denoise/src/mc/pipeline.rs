@@ -434,15 +434,15 @@ fn regression(p: &Prepared<'_>, without: Stages, plan: &mut Plan) -> Vec<f32> {
         let shares = r.shares.map(|s| format!("{:.0}%", 100.0 * s)).join(" ");
         let mut why =
             format!("widths of 3, 5, 8, 16 pixels in {shares} of {} cells; {} flat", r.cells, r.flat);
-        for stage in [Stage::Widths, Stage::Highlights].into_iter().filter(|stage| without.has(*stage)) {
+        for stage in [Stage::Bandwidth, Stage::Highlights].into_iter().filter(|stage| without.has(*stage)) {
             why += &format!("; {stage} left out");
         }
         (r.estimate, why)
     });
     match &split {
-        None if without.has(Stage::Black) => plan.skip("black", LEFT_OUT),
-        None => plan.skip("black", NO_BLACK),
-        Some([_, own]) => plan.stage("black", || {
+        None if without.has(Stage::ZeroAlbedo) => plan.skip("zero-albedo", LEFT_OUT),
+        None => plan.skip("zero-albedo", NO_BLACK),
+        Some([_, own]) => plan.stage("zero-albedo", || {
             regress_black(p, &basis, own, without, &mut estimate);
             ((), format!("{} pixels without diffuse reflectance by themselves", p.black.len()))
         }),

@@ -78,9 +78,9 @@ impl<'a> Prepared<'a> {
             let why = format!("{holes} pixels with NaN or infinity");
             ((sides, weight, holes), why)
         });
-        let exact = match without.has(Stage::Exact) {
+        let exact = match without.has(Stage::Noiseless) {
             true => {
-                plan.skip("exact", LEFT_OUT);
+                plan.skip("noiseless", LEFT_OUT);
                 Vec::new()
             }
             false => exact(frame, &features, &mut weight, plan),
@@ -99,15 +99,18 @@ impl<'a> Prepared<'a> {
                 None
             }
         };
-        let apart = features.albedo.as_ref().filter(|_| !without.has(Stage::Black));
+        let apart = features.albedo.as_ref().filter(|_| !without.has(Stage::ZeroAlbedo));
         let black = apart.map_or(Vec::new(), |a| black_pixels(a, &weight));
         // The automatic model has a stage of its own for them.
-        match (settings.model, without.has(Stage::Black), black.len()) {
+        match (settings.model, without.has(Stage::ZeroAlbedo), black.len()) {
             (Model::Auto, ..) => {}
-            (_, true, _) => plan.skip("black", LEFT_OUT),
-            (_, _, 0) => plan.skip("black", NO_BLACK),
+            (_, true, _) => plan.skip("zero-albedo", LEFT_OUT),
+            (_, _, 0) => plan.skip("zero-albedo", NO_BLACK),
             (_, _, n) => {
-                plan.run("black", format!("{n} pixels without diffuse reflectance: means by themselves"));
+                plan.run(
+                    "zero-albedo",
+                    format!("{n} pixels without diffuse reflectance: means by themselves"),
+                );
             }
         }
         let own_class = if black.is_empty() { Vec::new() } else { classes(&weight, &black).into() };
@@ -216,16 +219,16 @@ fn smoothed(
     let layer = frame.variance.filter(|_| frame.half.is_none());
     let skipped = match settings {
         Settings { model: Model::Variational(_) | Model::Atrous, .. } => Some(PART_OF_AUTO),
-        _ if settings.without.has(Stage::Jagged) => Some(LEFT_OUT),
+        _ if settings.without.has(Stage::Antialiasing) => Some(LEFT_OUT),
         _ if layer.is_none() => Some("no variance layer, which would tell noise from textures"),
         _ if features.albedo.is_none() && features.normal.is_none() => Some("neither albedo nor normal"),
         _ => None,
     };
     let (None, Some(layer)) = (skipped, layer) else {
-        plan.skip("jagged", skipped.unwrap_or_default());
+        plan.skip("antialiasing", skipped.unwrap_or_default());
         return None;
     };
-    plan.stage("jagged", || {
+    plan.stage("antialiasing", || {
         let Some(mut jagged) = share_of_noise(features, shape) else {
             return (None, "no noise in the features".to_owned());
         };
@@ -243,10 +246,10 @@ fn smoothed(
 /// Finds the pixels without noise and takes their weight, so that they do not reach their neighbours.
 fn exact(frame: &Frame<'_>, features: &Features<'_>, weight: &mut [f32], plan: &mut Plan) -> Vec<ExactPixel> {
     if !is_known(frame) {
-        plan.skip("exact", "the noise is not known");
+        plan.skip("noiseless", "the noise is not known");
         return Vec::new();
     }
-    plan.stage("exact", || {
+    plan.stage("noiseless", || {
         let exact = exact_pixels(frame, features, weight);
         exact.iter().for_each(|(i, _)| weight[*i] = 0.0);
         let why = format!("{} pixels without noise stay as they are", exact.len());

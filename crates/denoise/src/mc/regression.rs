@@ -114,7 +114,7 @@ pub(crate) fn regress(
             samples.solve(&blurred, &flat, &solved)
         })
         .collect();
-    let choice = match without.has(Stage::Widths) {
+    let choice = match without.has(Stage::Bandwidth) {
         true => vec![MIDDLE; flat.len()],
         false => samples.choose(&fits, variance, &used),
     };

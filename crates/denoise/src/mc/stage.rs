@@ -15,20 +15,20 @@ pub enum Stage {
     Position,
     /// The variance layer.
     Variance,
-    /// Keeping pixels without noise.
-    Exact,
+    /// Keeping pixels without noise as they are.
+    Noiseless,
     /// Division by the albedo.
     Demodulation,
-    /// The choice of a width for each cell: all cells take the middle one.
-    Widths,
+    /// The choice of a filter bandwidth for each cell: all cells take the middle one.
+    Bandwidth,
     /// The blur that replaces linear models at highlights.
     Highlights,
     /// Filtering pixels without diffuse reflectance by themselves.
-    Black,
+    ZeroAlbedo,
     /// What the regression left over, brought back.
     Detail,
     /// The smoothing of edges that one sample a pixel leaves jagged.
-    Jagged,
+    Antialiasing,
     /// The correction of edges.
     Edges,
     /// The map of the guides' edges in the weights of the convex models.
@@ -42,13 +42,13 @@ impl Stage {
         Self::Normal,
         Self::Position,
         Self::Variance,
-        Self::Exact,
+        Self::Noiseless,
         Self::Demodulation,
-        Self::Widths,
+        Self::Bandwidth,
         Self::Highlights,
-        Self::Black,
+        Self::ZeroAlbedo,
         Self::Detail,
-        Self::Jagged,
+        Self::Antialiasing,
         Self::Edges,
         Self::Coherence,
     ];
@@ -60,13 +60,13 @@ impl Stage {
             Self::Normal => "normal",
             Self::Position => "position",
             Self::Variance => "variance",
-            Self::Exact => "exact",
+            Self::Noiseless => "noiseless",
             Self::Demodulation => "demodulation",
-            Self::Widths => "widths",
+            Self::Bandwidth => "bandwidth",
             Self::Highlights => "highlights",
-            Self::Black => "black",
+            Self::ZeroAlbedo => "zero-albedo",
             Self::Detail => "detail",
-            Self::Jagged => "jagged",
+            Self::Antialiasing => "antialiasing",
             Self::Edges => "edges",
             Self::Coherence => "coherence",
         }

@@ -23,7 +23,7 @@ pub use spectral::SpectralSolver;
 pub use strip::StripSolver;
 pub(crate) use strip::{Block, RowScratch};
 
-use photofit_scalar::Real;
+pub use photofit_fft::Sample;
 
 /// The system `c0 + c1 L + c2 L^2`; positive definite for `c0 > 0` and `c1, c2 >= 0`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,11 +50,6 @@ impl Symbol {
         );
     }
 }
-
-/// A scalar that the transforms accept: `f32` or `f64`.
-pub trait Sample: Real + realfft::FftNum {}
-
-impl<T: Real + realfft::FftNum> Sample for T {}
 
 /// `2 - 2 cos a`, the eigenvalue of the one-dimensional `L`, without cancellation.
 fn eigenvalue(a: f64) -> f64 {

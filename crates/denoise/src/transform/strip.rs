@@ -1,13 +1,11 @@
 //! The production solver: real FFT along rows, banded Cholesky solve down the columns.
 
+use photofit_fft::{Complex, RealFft};
 use std::fmt;
-use std::sync::Arc;
 
 use rayon::prelude::{
     IndexedParallelIterator, IntoParallelRefMutIterator, ParallelIterator, ParallelSliceMut,
 };
-use realfft::num_complex::Complex;
-use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 
 use super::banded::BandedFactors;
 use super::{Sample, Symbol, eigenvalue};
@@ -25,8 +23,7 @@ const ROWS: usize = 16;
 /// 64 frequencies at once and vectorise.
 pub struct StripSolver<T: Sample> {
     width: usize,
-    forward: Arc<dyn RealToComplex<T>>,
-    inverse: Arc<dyn ComplexToReal<T>>,
+    fft: RealFft<T>,
     factors: BandedFactors<T>,
     height: usize,
 }
@@ -68,13 +65,11 @@ impl<T: Sample> StripSolver<T> {
     pub fn new(width: usize, height: usize, symbol: Symbol) -> Self {
         symbol.check();
         assert!(width > 0 && height > 0, "an image of {width} x {height} has no pixels");
-        let mut planner = RealFftPlanner::new();
         let frequencies: Vec<f64> =
             (0..=width / 2).map(|k| eigenvalue(std::f64::consts::TAU * k as f64 / width as f64)).collect();
         Self {
             width,
-            forward: planner.plan_fft_forward(width),
-            inverse: planner.plan_fft_inverse(width),
+            fft: T::real_fft(width),
             factors: BandedFactors::new(symbol, height, &frequencies, 1.0 / width as f64),
             height,
         }
@@ -82,7 +77,7 @@ impl<T: Sample> StripSolver<T> {
 
     /// Number of frequencies of a row.
     pub(crate) fn frequencies(&self) -> usize {
-        self.width / 2 + 1
+        self.fft.frequencies()
     }
 
     /// Bytes of the factors.
@@ -92,10 +87,7 @@ impl<T: Sample> StripSolver<T> {
 
     pub(crate) fn scratch(&self) -> RowScratch<T> {
         let zero = Complex::new(T::zero(), T::zero());
-        RowScratch {
-            spectrum: vec![zero; self.frequencies()],
-            fft: vec![zero; self.forward.get_scratch_len().max(self.inverse.get_scratch_len())],
-        }
+        RowScratch { spectrum: vec![zero; self.frequencies()], fft: self.fft.scratch() }
     }
 
     /// The blocks of all channels, in the order in which [`Self::inverse_row`] wants them.
@@ -115,7 +107,7 @@ impl<T: Sample> StripSolver<T> {
 
     /// Transforms one row; its samples are lost.
     pub(crate) fn forward_row(&self, row: &mut [T], out: &mut [Complex<T>], s: &mut RowScratch<T>) {
-        self.forward.process_with_scratch(row, out, &mut s.fft).expect("buffers have the planned lengths");
+        self.fft.forward(row, out, &mut s.fft);
     }
 
     /// Solves the systems of one block; `source(i)` is the spectrum of row `i` of its channel.
@@ -175,13 +167,7 @@ impl<T: Sample> StripSolver<T> {
             #[inline(always)]
             || gather(blocks, i, spectrum),
         );
-        s.spectrum[0].im = T::zero();
-        if self.width.is_multiple_of(2) {
-            s.spectrum[self.width / 2].im = T::zero();
-        }
-        self.inverse
-            .process_with_scratch(&mut s.spectrum, out, &mut s.fft)
-            .expect("buffers have the planned lengths and real ends");
+        self.fft.inverse(&mut s.spectrum, out, &mut s.fft);
     }
 
     /// Replaces the right-hand side `f` by the solution `u`.

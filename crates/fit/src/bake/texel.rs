@@ -249,7 +249,7 @@ impl Sum {
         three(&mut texel, channel::NORMAL, normal);
         let mean_alpha = self.weight / self.count;
         texel[channel::ALPHA] = if mean_alpha > 1.5e-6 { mean_alpha.min(1.0) } else { 0.0 };
-        texel[channel::GAMMA] = self.gamma * r;
+        texel[channel::SPECULAR_SUPPRESSION] = self.gamma * r;
         texel[channel::METALLIC] = self.metallic * r;
         texel[channel::OCCLUSION] = self.occlusion * r;
         let roughness = self.roughness * r;

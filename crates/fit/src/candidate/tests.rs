@@ -385,8 +385,8 @@ impl Setting {
 /// The groups of a texel's samples.
 const GROUPS: [(&str, std::ops::Range<usize>); 7] = [
     ("base colour", channel::BASE_COLOR..channel::ALPHA),
-    ("alpha", channel::ALPHA..channel::GAMMA),
-    ("specular suppression", channel::GAMMA..channel::ROUGHNESS),
+    ("alpha", channel::ALPHA..channel::SPECULAR_SUPPRESSION),
+    ("specular suppression", channel::SPECULAR_SUPPRESSION..channel::ROUGHNESS),
     ("roughness", channel::ROUGHNESS..channel::METALLIC),
     ("metalness", channel::METALLIC..channel::NORMAL),
     ("normal", channel::NORMAL..channel::EMISSIVE),

@@ -5,7 +5,7 @@
 //! meets what another one left. A time limit is for the fits of all parts together.
 
 use super::checkpoint;
-use super::trainer::{HistoryPoint, Keeping};
+use super::trainer::{Checkpointing, HistoryPoint};
 use crate::{FitError, Progress};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -29,7 +29,7 @@ pub fn checkpoint_files(parts: usize) -> Vec<String> {
 /// A chain on its way.
 #[derive(Debug)]
 pub(crate) struct FitChain<'a> {
-    keeping: &'a Keeping,
+    keeping: &'a Checkpointing,
     /// Parts that are done.
     part: usize,
     /// What is left of the time limit.
@@ -45,7 +45,7 @@ pub(crate) struct FitChain<'a> {
 impl<'a> FitChain<'a> {
     /// A chain at its start. Unless it goes on from checkpoints, those of all parts but the first are set aside; the first
     /// one is by its fit.
-    pub(crate) fn new(keeping: &'a Keeping, progress: &dyn Progress) -> Self {
+    pub(crate) fn new(keeping: &'a Checkpointing, progress: &dyn Progress) -> Self {
         if let Some(folder) = keeping.checkpoint.as_ref().filter(|_| !keeping.resume) {
             (1..MOST_PARTS).for_each(|part| checkpoint::set_aside(&part_folder(folder, part), progress));
         }
@@ -62,12 +62,12 @@ impl<'a> FitChain<'a> {
         &mut self,
         share: usize,
         progress: &dyn Progress,
-        mut fit: impl FnMut(&Keeping) -> Result<T, FitError>,
+        mut fit: impl FnMut(&Checkpointing) -> Result<T, FitError>,
     ) -> Result<T, FitError> {
         self.began = Instant::now();
         let checkpoint = self.keeping.checkpoint.as_ref().map(|folder| part_folder(folder, self.part));
         let time_limit = self.left.map(|l| l / share.max(1) as u32);
-        let keeping = Keeping { checkpoint, resume: self.keeping.resume, time_limit };
+        let keeping = Checkpointing { checkpoint, resume: self.keeping.resume, time_limit };
         if self.part == 0 { fit(&keeping) } else { fit_after_another(keeping, progress, fit) }
     }
 
@@ -141,16 +141,16 @@ impl Progress for OfPart<'_> {
 /// # Errors
 /// Those of `fit`.
 pub(crate) fn fit_after_another<T>(
-    keeping: Keeping,
+    keeping: Checkpointing,
     progress: &dyn Progress,
-    mut fit: impl FnMut(&Keeping) -> Result<T, FitError>,
+    mut fit: impl FnMut(&Checkpointing) -> Result<T, FitError>,
 ) -> Result<T, FitError> {
     let begun = keeping.checkpoint.as_ref().is_some_and(|folder| folder.join(checkpoint::FILE).exists());
-    let keeping = Keeping { resume: keeping.resume && begun, ..keeping };
+    let keeping = Checkpointing { resume: keeping.resume && begun, ..keeping };
     match fit(&keeping) {
         Err(e @ (FitError::Checkpoint { .. } | FitError::OtherFit { .. })) if keeping.resume => {
             progress.warn(&format!("{e}; this part of the fit begins anew"));
-            fit(&Keeping { resume: false, ..keeping })
+            fit(&Checkpointing { resume: false, ..keeping })
         }
         result => result,
     }
@@ -167,7 +167,8 @@ mod tests {
 
     #[test]
     fn histories_go_on_in_steps_and_seconds() {
-        let keeping = Keeping { time_limit: Some(Duration::from_secs(100)), ..Keeping::default() };
+        let keeping =
+            Checkpointing { time_limit: Some(Duration::from_secs(100)), ..Checkpointing::default() };
         let mut chain = FitChain::new(&keeping, &Silent);
         chain.add(&[point(0, 0.5), point(25, 2.0)], 40);
         chain.add(&[point(0, 0.25), point(25, 1.0)], 60);
@@ -185,7 +186,8 @@ mod tests {
             std::fs::create_dir_all(part_folder(dir.path(), part)).unwrap();
             std::fs::write(file(part), "old").unwrap();
         }
-        let mut keeping = Keeping { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
+        let mut keeping =
+            Checkpointing { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
         FitChain::new(&keeping, &Silent);
         assert!((0..3).all(|k| file(k).exists()), "a chain that goes on keeps them");
         keeping.resume = false;
@@ -197,7 +199,7 @@ mod tests {
     #[test]
     fn a_part_goes_on_only_from_what_it_left() {
         let dir = tempfile::tempdir().unwrap();
-        let keeping = Keeping { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
+        let keeping = Checkpointing { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
         let mut chain = FitChain::new(&keeping, &Silent);
         let resumes = |chain: &mut FitChain<'_>| chain.fit(1, &Silent, |k| Ok(k.resume)).unwrap();
         assert!(resumes(&mut chain), "a user who asks for it is told that there is nothing");
@@ -207,7 +209,7 @@ mod tests {
         std::fs::write(part_folder(dir.path(), 1).join(checkpoint::FILE), "state").unwrap();
         assert!(resumes(&mut chain));
         let mut asked = Vec::new();
-        let refused = |k: &Keeping| {
+        let refused = |k: &Checkpointing| {
             asked.push(k.resume);
             let rule = "it is damaged".into();
             if k.resume { Err(FitError::Checkpoint { path: dir.path().into(), rule }) } else { Ok(()) }

@@ -163,7 +163,8 @@ pub(crate) fn train_on<'p, S: Posable + 'p>(
     #[cfg(feature = "gpu")]
     if let Kind::Gpu { gpu, required } = &device.kind {
         let (mut phases, mut told) = (phases, None);
-        let model = GpuSurface::beside(gpu, surface.clone(), job.held_out.shots(), job.reference.lent());
+        let model =
+            GpuSurface::beside(gpu, surface.clone(), job.held_out.shots(), job.reference.device_memory());
         let trained = match model.and_then(|m| m.keeping(Shown::by(job))) {
             Ok((model, residence)) => {
                 told = Some((residence, model.bands()));

@@ -13,7 +13,7 @@ pub use flicker::flicker;
 pub(crate) use method::method;
 pub use popping::{Popping, popping};
 pub(crate) use ranking::CLEAR_GAIN;
-pub use ranking::{Ranking, highest, ranking, scores};
+pub use ranking::{Certainty, Ranking, highest, ranking, scores};
 
 use super::animated::Animated;
 use super::asset::Normalised;

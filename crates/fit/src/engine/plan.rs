@@ -17,7 +17,7 @@ const CONSTANT: f32 = 1.0 / 255.0;
 
 /// What is asked of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Asked {
+pub struct FitRequest {
     /// Steps that are made at most.
     pub steps: u64,
     /// Whether its shape may move in them.
@@ -55,7 +55,7 @@ pub(super) fn held(candidate: &Candidate, fitted: [bool; CHANNELS]) -> [bool; CH
 
 impl SurfacePlan {
     /// The plan of a candidate with baked maps.
-    pub fn new(candidate: &Candidate, asked: Asked) -> Self {
+    pub fn new(candidate: &Candidate, asked: FitRequest) -> Self {
         let base = &candidate.maps.levels[0].texels;
         let any = |c: usize, f: &dyn Fn(f32) -> bool| base.iter().any(|t| f(t[c]));
         let used = |is: fn(&SurfaceClass) -> bool| {

@@ -122,7 +122,7 @@ pub trait Reference: Sync {
 
     /// What it holds on a device and may give back for a while.
     #[cfg(feature = "gpu")]
-    fn lent(&self) -> Option<super::gpu::Lent> {
+    fn device_memory(&self) -> Option<super::gpu::DeviceMemory> {
         None
     }
 

@@ -57,7 +57,7 @@ impl HistoryPoint {
 
 /// Where and how a fit keeps its state.
 #[derive(Clone, Debug, Default)]
-pub struct Keeping {
+pub struct Checkpointing {
     /// Folder of the checkpoint.
     pub checkpoint: Option<PathBuf>,
     /// Goes on from the checkpoint, if there is one.
@@ -90,7 +90,7 @@ pub struct Job<'a> {
     /// all at the earliest.
     pub rival: Option<f64>,
     /// Checkpoints and limits.
-    pub keeping: &'a Keeping,
+    pub keeping: &'a Checkpointing,
     /// The options that the result depends on: a checkpoint of other ones is refused.
     pub fingerprint: Fingerprint,
 }

@@ -1,13 +1,12 @@
 //! A fitted surface as colours of vertices: what is written in place of textures.
 //!
 //! The colours are those whose linear interpolation over the triangles is nearest to the maps, in the mean square over the
-//! surface: `sum over samples of area |sum of w_k c_k - map|^2` with barycentric weights `w`. Its normal equations are
-//! symmetric and positive definite, and are solved by conjugate gradients with a diagonal preconditioner. Everything else of
-//! a material is the mean over its surface.
+//! surface: `sum over samples of area |sum of w_k c_k - map|^2` with barycentric weights `w` ([`VertexFit`]). Everything else
+//! of a material is the mean over its surface.
 
 use super::light_asset::LightAsset;
 use crate::candidate::Candidate;
-use photofit_geometry::Mesh;
+use photofit_geometry::{Mesh, VertexFit};
 use photofit_image::{psnr_from_mse, srgb_encode};
 use photofit_raster::deferred::SAMPLER;
 use photofit_raster::texture::{lookup, sample};
@@ -21,9 +20,9 @@ use std::collections::BTreeMap;
 const MOST: usize = 64;
 /// Weight of the mean colour around a vertex against that of its surface: what no sample sees has a colour, too.
 const TOWARDS_MEAN: f64 = 1e-4;
-/// Steps of the solver, and the squared residual relative to the first at which it ends.
+/// Steps of the solver, and the residual relative to the right side at which it ends.
 const STEPS: usize = 200;
-const RESIDUAL: f64 = 1e-12;
+const RESIDUAL: f64 = 1e-7;
 /// Emission below this is none.
 const DARK: f64 = 1e-4;
 
@@ -43,39 +42,28 @@ struct Sample {
     color: [f64; 4],
 }
 
-/// The normal equations, by triangles.
-struct System {
-    /// Colour of each corner.
-    corners: Vec<[usize; 3]>,
-    /// Upper triangle of `sum area w w'` of each triangle: 00, 11, 22, 01, 02, 12.
-    blocks: Vec<[f64; 6]>,
-    diagonal: Vec<f64>,
-    right: Vec<[f64; 4]>,
-}
-
 /// Turns a candidate into a scene whose surface is told by colours of vertices.
 pub fn colored(candidate: &Candidate, light: &LightAsset) -> Colored {
     let mesh = candidate.mesh();
     // Vertices at one place and of one class have one colour: atlas and creases do not show.
     let mut ids = BTreeMap::new();
-    let corners: Vec<[usize; 3]> = candidate
+    let corners: Vec<[u32; 3]> = candidate
         .triangles
         .iter()
         .zip(&candidate.class)
         .map(|(t, class)| {
             t.map(|v| {
-                let next = ids.len();
+                let next = ids.len() as u32;
                 *ids.entry((candidate.weld.ids[v as usize], *class)).or_insert(next)
             })
         })
         .collect();
     let samples: Vec<Vec<Sample>> = (0..corners.len()).map(|t| samples(candidate, &mesh, light, t)).collect();
-    let system = System::new(corners, &samples, ids.len());
-    let colors = system.solve();
-    let psnr = system.psnr(&colors, &samples);
+    let colors = solve(&corners, &samples, ids.len());
+    let psnr = psnr(&corners, &colors, &samples);
     let mut scene = Scene { name: light.name.clone(), ..Scene::default() };
     for class in 0..light.classes.len() {
-        let part = part(candidate, &mesh, light, class, &system.corners, &colors);
+        let part = part(candidate, &mesh, light, class, &corners, &colors);
         if part.triangles.is_empty() {
             continue;
         }
@@ -131,112 +119,52 @@ fn samples(candidate: &Candidate, mesh: &Mesh, light: &LightAsset, t: usize) -> 
     out
 }
 
-impl System {
-    fn new(corners: Vec<[usize; 3]>, samples: &[Vec<Sample>], colors: usize) -> Self {
-        let (mut blocks, mut diagonal) = (vec![[0.0; 6]; corners.len()], vec![0.0; colors]);
-        let mut right = vec![[0.0; 4]; colors];
-        for ((ids, block), samples) in corners.iter().zip(&mut blocks).zip(samples) {
-            let (mut area, mut sum) = (0.0, [0.0; 4]);
-            for s in samples {
-                let [x, y, z] = s.weights;
-                let products = [x * x, y * y, z * z, x * y, x * z, y * z];
-                block.iter_mut().zip(products).for_each(|(b, p)| *b += s.area * p);
-                area += s.area;
-                for (c, total) in sum.iter_mut().enumerate() {
-                    *total += s.area * s.color[c];
-                    ids.iter().zip(s.weights).for_each(|(id, w)| right[*id][c] += s.area * w * s.color[c]);
-                }
-            }
-            // A triangle without area still has colours.
-            let (least, n) = (TOWARDS_MEAN * area.max(1e-12), samples.len().max(1) as f64);
-            for (k, id) in ids.iter().enumerate() {
-                block[k] += least;
-                diagonal[*id] += block[k];
-                for (c, total) in sum.iter().enumerate() {
-                    let mean = if area > 0.0 {
-                        total / area
-                    } else {
-                        samples.iter().map(|s| s.color[c]).sum::<f64>() / n
-                    };
-                    right[*id][c] += least * mean;
-                }
+/// The colours of `count` vertices, in [0, 1]; `corners` are their numbers, and `samples` those of each triangle.
+fn solve(corners: &[[u32; 3]], samples: &[Vec<Sample>], count: usize) -> Vec<[f64; 4]> {
+    let mut fit = VertexFit::new(corners.to_vec(), count);
+    let mut right: [Vec<f64>; 4] = std::array::from_fn(|_| vec![0.0; count]);
+    for (t, (ids, samples)) in corners.iter().zip(samples).enumerate() {
+        let (mut area, mut sum) = (0.0, [0.0; 4]);
+        for s in samples {
+            fit.add(t, s.weights, s.area);
+            area += s.area;
+            for (c, total) in sum.iter_mut().enumerate() {
+                *total += s.area * s.color[c];
+                fit.spread(&mut right[c], t, s.weights, s.area * s.color[c]);
             }
         }
-        Self { corners, blocks, diagonal, right }
+        // A triangle without area still has colours.
+        let (least, n) = (TOWARDS_MEAN * area.max(1e-12), samples.len().max(1) as f64);
+        for id in ids.map(|id| id as usize) {
+            fit.hold(id, least);
+            for (c, total) in sum.iter().enumerate() {
+                let mean = if area > 0.0 {
+                    total / area
+                } else {
+                    samples.iter().map(|s| s.color[c]).sum::<f64>() / n
+                };
+                right[c][id] += least * mean;
+            }
+        }
     }
+    let channels = right.map(|right| fit.solve(&right, STEPS, RESIDUAL));
+    (0..count).map(|v| [0, 1, 2, 3].map(|c: usize| channels[c][v].clamp(0.0, 1.0))).collect()
+}
 
-    /// The matrix times `x`.
-    fn apply(&self, x: &[[f64; 4]]) -> Vec<[f64; 4]> {
-        let mut out = vec![[0.0; 4]; x.len()];
-        for (ids, b) in self.corners.iter().zip(&self.blocks) {
-            let [p, q, r] = ids.map(|i| x[i]);
-            for c in 0..4 {
-                out[ids[0]][c] += b[0] * p[c] + b[3] * q[c] + b[4] * r[c];
-                out[ids[1]][c] += b[3] * p[c] + b[1] * q[c] + b[5] * r[c];
-                out[ids[2]][c] += b[4] * p[c] + b[5] * q[c] + b[2] * r[c];
+/// PSNR of the interpolated colours, sRGB.
+fn psnr(corners: &[[u32; 3]], colors: &[[f64; 4]], samples: &[Vec<Sample>]) -> f64 {
+    let srgb = |x: f64| f64::from(srgb_encode(x.clamp(0.0, 1.0) as f32));
+    let (mut sum, mut area) = (0.0, 0.0);
+    for (ids, samples) in corners.iter().zip(samples) {
+        for s in samples {
+            for c in 0..3 {
+                let shown: f64 = ids.iter().zip(s.weights).map(|(i, w)| w * colors[*i as usize][c]).sum();
+                sum += s.area * (srgb(shown) - srgb(s.color[c])).powi(2);
             }
+            area += 3.0 * s.area;
         }
-        out
     }
-
-    /// The colours, in [0, 1].
-    fn solve(&self) -> Vec<[f64; 4]> {
-        let dot = |a: &[[f64; 4]], b: &[[f64; 4]]| {
-            let pairs = a.iter().zip(b);
-            pairs.fold([0.0; 4], |s, (a, b)| std::array::from_fn(|c| s[c] + a[c] * b[c]))
-        };
-        let scaled = |r: &[[f64; 4]]| -> Vec<[f64; 4]> {
-            r.iter().zip(&self.diagonal).map(|(r, d)| r.map(|x| x / d)).collect()
-        };
-        let mut x = scaled(&self.right);
-        let mut r: Vec<[f64; 4]> = self.right.clone();
-        r.iter_mut().zip(self.apply(&x)).for_each(|(r, a)| (0..4).for_each(|c| r[c] -= a[c]));
-        let mut z = scaled(&r);
-        let mut p = z.clone();
-        let mut rz = dot(&r, &z);
-        let first = rz;
-        for _ in 0..STEPS {
-            if (0..4).all(|c| rz[c] <= RESIDUAL * first[c]) {
-                break;
-            }
-            let ap = self.apply(&p);
-            let curvature = dot(&p, &ap);
-            let step: [f64; 4] =
-                std::array::from_fn(|c| if curvature[c] > 0.0 { rz[c] / curvature[c] } else { 0.0 });
-            for i in 0..x.len() {
-                for c in 0..4 {
-                    x[i][c] += step[c] * p[i][c];
-                    r[i][c] -= step[c] * ap[i][c];
-                }
-            }
-            z = scaled(&r);
-            let next = dot(&r, &z);
-            for (p, z) in p.iter_mut().zip(&z) {
-                for c in 0..4 {
-                    let beta = if rz[c] > 0.0 { next[c] / rz[c] } else { 0.0 };
-                    p[c] = z[c] + beta * p[c];
-                }
-            }
-            rz = next;
-        }
-        x.into_iter().map(|x| x.map(|v| v.clamp(0.0, 1.0))).collect()
-    }
-
-    /// PSNR of the interpolated colours, sRGB.
-    fn psnr(&self, colors: &[[f64; 4]], samples: &[Vec<Sample>]) -> f64 {
-        let srgb = |x: f64| f64::from(srgb_encode(x.clamp(0.0, 1.0) as f32));
-        let (mut sum, mut area) = (0.0, 0.0);
-        for (ids, samples) in self.corners.iter().zip(samples) {
-            for s in samples {
-                for c in 0..3 {
-                    let shown: f64 = ids.iter().zip(s.weights).map(|(i, w)| w * colors[*i][c]).sum();
-                    sum += s.area * (srgb(shown) - srgb(s.color[c])).powi(2);
-                }
-                area += 3.0 * s.area;
-            }
-        }
-        psnr_from_mse((sum / f64::max(area, f64::MIN_POSITIVE)).max(1e-10))
-    }
+    psnr_from_mse((sum / f64::max(area, f64::MIN_POSITIVE)).max(1e-10))
 }
 
 /// The triangles of a class with their colours, in the frame of the asset.
@@ -245,7 +173,7 @@ fn part(
     mesh: &Mesh,
     light: &LightAsset,
     class: usize,
-    corners: &[[usize; 3]],
+    corners: &[[u32; 3]],
     colors: &[[f64; 4]],
 ) -> Mesh {
     let mut out = Mesh::default();
@@ -260,7 +188,7 @@ fn part(
             *known.entry(key).or_insert_with(|| {
                 out.positions.push(light.frame.to_world(mesh.positions[v]));
                 out.normals.push(normal);
-                let [r, g, b, a] = colors[corners[t][k]].map(|x| x as f32);
+                let [r, g, b, a] = colors[corners[t][k] as usize].map(|x| x as f32);
                 out.colors.push(vec4(r, g, b, a));
                 out.positions.len() as u32 - 1
             })
@@ -299,7 +227,7 @@ fn material(candidate: &Candidate, mesh: &Mesh, light: &LightAsset, class: usize
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simplify::{Normalised, SimplifyOptions, Surfacing, simplify};
+    use crate::simplify::{Appearance, Normalised, SimplifyOptions, simplify};
     use crate::{Progress, Silent};
     use photofit_geometry::decimate::Target;
     use photofit_geometry::shapes::uv_sphere;
@@ -339,7 +267,7 @@ mod tests {
     fn options() -> SimplifyOptions {
         SimplifyOptions {
             target: Target::Triangles(500),
-            surfacing: Surfacing::VertexColors,
+            appearance: Appearance::VertexColors,
             resolution: 64,
             texture_size: 128,
             report_views: 2,
@@ -383,8 +311,8 @@ mod tests {
         let made = simplify(&spots, &path, &options(), &Silent).unwrap();
         let (candidate, n) = (&made.candidate, Normalised::new(&spots).unwrap());
         let (mesh, light) = (candidate.mesh(), &n.light_asset);
-        let corners: Vec<[usize; 3]> =
-            candidate.triangles.iter().map(|t| t.map(|v| candidate.weld.ids[v as usize] as usize)).collect();
+        let corners: Vec<[u32; 3]> =
+            candidate.triangles.iter().map(|t| t.map(|v| candidate.weld.ids[v as usize])).collect();
         let samples: Vec<Vec<Sample>> =
             (0..corners.len()).map(|t| samples(candidate, &mesh, light, t)).collect();
         let area: f64 = samples.iter().flatten().map(|s| s.area).sum();
@@ -398,8 +326,8 @@ mod tests {
             let x = texel(candidate, *uv);
             points[candidate.weld.ids[v] as usize] = [0, 1, 2, 3].map(|k| f64::from(x[k]));
         }
-        let system = System::new(corners, &samples, points.len());
-        let (fitted, sampled) = (system.psnr(&system.solve(), &samples), system.psnr(&points, &samples));
+        let fitted = psnr(&corners, &solve(&corners, &samples, points.len()), &samples);
+        let sampled = psnr(&corners, &points, &samples);
         assert!(fitted > sampled + 0.3, "{fitted} against {sampled} dB");
     }
 }

@@ -477,7 +477,7 @@ pub struct Shot {
 
 /// What a candidate is drawn over and compared with. Both are put together where they are used: a device makes its own.
 #[derive(Clone, Debug)]
-pub struct OverNoise {
+pub struct Composite {
     /// Radiance behind the asset, the same for both images, `[H*W]`.
     pub background: Vec<[f32; 3]>,
     /// The reference over the background, `[H*W]`; the fourth number is its coverage.
@@ -521,14 +521,14 @@ impl Shot {
     }
 
     /// Background and reference.
-    pub fn over_noise(&self) -> OverNoise {
+    pub fn over_noise(&self) -> Composite {
         let background = self.background();
         let over = |(p, b): (&[f32], &[f32; 3])| {
             let t = 1.0 - p[3];
             [p[0] + t * b[0], p[1] + t * b[1], p[2] + t * b[2], p[3]]
         };
         let reference = self.shown.data.chunks_exact(4).zip(&background).map(over).collect();
-        OverNoise { background, reference }
+        Composite { background, reference }
     }
 }
 

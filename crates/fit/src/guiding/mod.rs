@@ -1,4 +1,4 @@
-//! Guided path tracing: a guide of `photofit-flow` learns from paths of the scene, a rehearsal judges whether it pays, and
+//! Guided path tracing: a guide of `photofit-flow` learns from paths of the scene, a pilot run judges whether it pays, and
 //! the picture is rendered with it or without.
 //!
 //! Training is a function of the scene, the options and the seed: it has a fixed number of paths, none of which is in the
@@ -8,7 +8,7 @@
 //! judged by variance times work on paths of their own, where work is counted in path vertices, weighted by the costs of
 //! [`Guiding::cost`], so that the decision does not depend on the machine.
 
-mod rehearsal;
+mod pilot;
 mod report;
 
 use crate::FitError;
@@ -20,18 +20,18 @@ use photofit_pathtrace::{
 };
 use photofit_sampling::ScatteringSampler;
 use photofit_scalar::Vec3f;
-use rehearsal::{Rehearsal, Trial};
+use pilot::{Pilot, Trial};
 pub use report::GuidingReport;
 use std::time::Instant;
 
-/// Tells the seeds of training and rehearsal from that of the picture.
+/// Tells the seeds of training and pilot run from that of the picture.
 const SEED: u64 = 0x6_u64.rotate_left(56) ^ 0x9a1d;
 
 /// Paths of a picture for one of training.
 const TRAINING: f64 = 10.0;
 /// Paths of a picture for one record that a flow learns from, which takes as long as a few paths.
 const LEARNING: f64 = 48.0;
-/// The first look of the rehearsal takes this part of its paths.
+/// The first look of the pilot run takes this part of its paths.
 const LOOK: u32 = 2;
 
 /// Which guide.
@@ -76,8 +76,8 @@ pub struct GuidingOptions {
     pub side: usize,
     /// Rounds of training; round `r` walks `2^r` paths a pixel.
     pub rounds: u32,
-    /// Paths a pixel of the rehearsal, with the guide and without.
-    pub rehearsal: u32,
+    /// Paths a pixel of the pilot run, with the guide and without.
+    pub pilot: u32,
     /// Least gain (variance times work without the guide over that with it) for which the guide is used; 0 uses it always.
     pub least_gain: f64,
     /// Most records that a round learns from.
@@ -89,13 +89,13 @@ pub struct GuidingOptions {
 }
 
 impl GuidingOptions {
-    /// 5 rounds and a rehearsal of 16 paths at 96 pixels a side; a gain of 1.15 is asked for.
+    /// 5 rounds and a pilot run of 16 paths at 96 pixels a side; a gain of 1.15 is asked for.
     pub fn new(guiding: Guiding) -> Self {
         Self {
             guiding,
             side: 96,
             rounds: 5,
-            rehearsal: 16,
+            pilot: 16,
             least_gain: 1.15,
             records: 1 << 18,
             flow: FlowOptions::default(),
@@ -106,10 +106,10 @@ impl GuidingOptions {
 
 impl GuidingOptions {
     /// As [`Self::new`] for a picture of known samples: training walks at most a tenth as many paths as the picture, in
-    /// 3 to 7 rounds, where a tenth is enough for three. The rehearsal walks 8 paths a pixel with the guide and 8 without
+    /// 3 to 7 rounds, where a tenth is enough for three. The pilot run walks 8 paths a pixel with the guide and 8 without
     /// it, from 5 rounds on 16.
     ///
-    /// A guide that loses clearly has walked the paths of its training and of half of its rehearsal: less than an eighth of the
+    /// A guide that loses clearly has walked the paths of its training and of half of its pilot run: less than an eighth of the
     /// paths of the picture from 256 samples a pixel at 96 pixels a side on, less than a quarter with 64 samples. Guided paths take
     /// longer than plain ones ([`Guiding::cost`]). A flow learns from one record for 48 paths of the picture at most, but from up to
     /// 1,024 in each round.
@@ -120,13 +120,13 @@ impl GuidingOptions {
         let share = f64::from(options.spp) / (TRAINING * scale * scale);
         // Rounds up to r walk 2^r - 1 paths a pixel.
         let rounds = (share + 1.0).log2().clamp(3.0, 7.0) as u32;
-        let rehearsal = (1 << (rounds - 1)).clamp(8, 16);
+        let pilot = (1 << (rounds - 1)).clamp(8, 16);
         let learned = width * height * f64::from(options.spp) / (LEARNING * f64::from(rounds));
         let records = match guiding {
             Guiding::Flow => (learned as usize).clamp(1 << 10, own.records),
             _ => own.records,
         };
-        Self { rounds, rehearsal, records, ..own }
+        Self { rounds, pilot, records, ..own }
     }
 }
 
@@ -152,7 +152,7 @@ impl Guidance {
 
     /// Trains and judges a guide for the render that `renderer` begins; its film stays as it is.
     ///
-    /// `stop` is asked before every picture of training and of the rehearsal; once it says true, there is no guide.
+    /// `stop` is asked before every picture of training and of the pilot run; once it says true, there is no guide.
     ///
     /// # Errors
     /// [`FitError::PathTrace`] and [`FitError::Guide`] for options that do not work.
@@ -165,7 +165,7 @@ impl Guidance {
     }
 
     /// The same for renders of one world by several cameras, whose pictures are of one size: the guide learns from the paths
-    /// of all of them, and the rehearsal judges it by all.
+    /// of all of them, and the pilot run judges it by all.
     ///
     /// # Errors
     /// As [`Self::train`].
@@ -180,7 +180,7 @@ impl Guidance {
         let began = Instant::now();
         let mut paths = 0;
         let stage = |round: u64| -> Result<Vec<Renderer<'_>>, FitError> {
-            renderers.iter().map(|r| rehearsing(r, options, round)).collect()
+            renderers.iter().map(|r| small_view(r, options, round)).collect()
         };
         // `None` where it is stopped.
         let all = |stage: &[Renderer<'_>], run: &dyn Fn(&Renderer<'_>) -> Trial| -> Option<Trial> {
@@ -193,7 +193,7 @@ impl Guidance {
             }
             Some(trial)
         };
-        let first = all(&stage(0)?, &|r| Rehearsal::new(r, 0, 1).run(&ScatteringSampler));
+        let first = all(&stage(0)?, &|r| Pilot::new(r, 0, 1).run(&ScatteringSampler));
         let Some(first) = first else { return Ok(Self::off()) };
         paths += first.paths;
         let (lo, hi) = first.bounds();
@@ -207,14 +207,14 @@ impl Guidance {
         };
         let mut records = state.learn(first, options.records)?;
         for round in 1..options.rounds {
-            let trial = all(&stage(u64::from(round))?, &|r| state.run(&Rehearsal::new(r, 0, 1 << round)));
+            let trial = all(&stage(u64::from(round))?, &|r| state.run(&Pilot::new(r, 0, 1 << round)));
             let Some(trial) = trial else { return Ok(Self::off()) };
             paths += trial.paths;
             records += state.learn(trial, options.records)?;
         }
         // Both trials take the same numbers where their paths agree, and none of training.
         let stage = stage(u64::from(options.rounds))?;
-        let most = options.rehearsal.max(2);
+        let most = options.pilot.max(2);
         let look = if options.least_gain > 0.0 { (most / LOOK).max(2) } else { most };
         let (mut plain, mut guided) = (Trial::default(), Trial::default());
         let mut judged = None;
@@ -289,10 +289,10 @@ impl Guidance {
 }
 
 impl Trained {
-    fn run(&self, rehearsal: &Rehearsal<'_>) -> Trial {
+    fn run(&self, pilot: &Pilot<'_>) -> Trial {
         match self {
-            Self::Flow(guide) => rehearsal.run(&Guided(&**guide)),
-            Self::Lobes(guide) => rehearsal.run(&Guided(guide)),
+            Self::Flow(guide) => pilot.run(&Guided(&**guide)),
+            Self::Lobes(guide) => pilot.run(&Guided(guide)),
         }
     }
 
@@ -325,13 +325,13 @@ fn thinned(mut records: Vec<Record>, most: usize) -> Vec<Record> {
         .collect()
 }
 
-/// Paths of the rehearsal.
-fn part<'a>(renderer: &'a Renderer<'a>, first: u32, count: u32) -> Rehearsal<'a> {
-    Rehearsal::new(renderer, first, count).without_records()
+/// Paths of the pilot run.
+fn part<'a>(renderer: &'a Renderer<'a>, first: u32, count: u32) -> Pilot<'a> {
+    Pilot::new(renderer, first, count).without_records()
 }
 
 /// A small render of the same view with numbers of its own.
-fn rehearsing<'a>(
+fn small_view<'a>(
     renderer: &Renderer<'a>,
     options: &GuidingOptions,
     round: u64,

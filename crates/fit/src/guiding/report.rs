@@ -1,9 +1,9 @@
 //! Whether a guide pays, and how that is told.
 
-use super::rehearsal::Trial;
+use super::pilot::Trial;
 use super::{Guiding, GuidingOptions};
 
-/// Part of the gain that is asked for below which half of a rehearsal is enough: .85 where 1.15 is asked for.
+/// Part of the gain that is asked for below which half of a pilot run is enough: .85 where 1.15 is asked for.
 const LOST: f64 = 0.85 / 1.15;
 
 /// What training came to.
@@ -13,7 +13,7 @@ pub struct GuidingReport {
     pub guiding: Guiding,
     /// Whether it is used.
     pub used: bool,
-    /// Whether the rehearsal found light without the guide, and with it.
+    /// Whether the pilot run found light without the guide, and with it.
     pub found: [bool; 2],
     /// Variance times work without the guide over that with it: infinite where light was found with it alone, or nothing
     /// varies with it; 0 where light was found without it alone; not a number without light, or where nothing varies.
@@ -22,18 +22,18 @@ pub struct GuidingReport {
     pub variance_ratio: f64,
     /// Work of a path with the guide over that of one without.
     pub work_ratio: f64,
-    /// Whether gain and ratios are from half of the rehearsal, where the guide clearly lost, and not from all of it.
+    /// Whether gain and ratios are from half of the pilot run, where the guide clearly lost, and not from all of it.
     pub half: bool,
-    /// Paths of training and rehearsal.
+    /// Paths of training and pilot run.
     pub paths: u64,
     /// Records learned from.
     pub records: u64,
-    /// Seconds of training and rehearsal (by the clock: for reports alone).
+    /// Seconds of training and pilot run (by the clock: for reports alone).
     pub seconds: f64,
 }
 
 impl GuidingReport {
-    /// Compares the two trials of a whole rehearsal; counts and seconds of training are left at 0.
+    /// Compares the two trials of a whole pilot run; counts and seconds of training are left at 0.
     ///
     /// A sampler that finds no light has no variance, which is no merit: it loses against one that finds some. Where both
     /// find none there is nothing that speaks for a guide.
@@ -73,13 +73,13 @@ impl GuidingReport {
     pub fn sentence(&self) -> String {
         let Self { variance_ratio, work_ratio, gain, .. } = self;
         let why = match self.found {
-            [false, false] => "the rehearsal found no light".to_owned(),
-            [false, true] => "the rehearsal found light with it alone".to_owned(),
-            [true, false] => "the rehearsal found light without it alone".to_owned(),
-            [true, true] if gain.is_nan() => "the rehearsal found no noise".to_owned(),
-            [true, true] if gain.is_infinite() => "the rehearsal found no noise with it".to_owned(),
+            [false, false] => "the pilot run found no light".to_owned(),
+            [false, true] => "the pilot run found light with it alone".to_owned(),
+            [true, false] => "the pilot run found light without it alone".to_owned(),
+            [true, true] if gain.is_nan() => "the pilot run found no noise".to_owned(),
+            [true, true] if gain.is_infinite() => "the pilot run found no noise with it".to_owned(),
             [true, true] => {
-                let half = if self.half { "in half of the rehearsal " } else { "" };
+                let half = if self.half { "in half of the pilot run " } else { "" };
                 format!("{half}variance / {variance_ratio:.2}, work x {work_ratio:.2}: gain {gain:.2}")
             }
         };

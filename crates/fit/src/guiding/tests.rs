@@ -258,7 +258,7 @@ fn training_is_a_part_of_the_picture() {
             "{side} pixels, {spp} samples: {trained}, a tenth is {tenth}"
         );
     }
-    // Small pictures pay three rounds and a rehearsal, 7 and twice 8 paths a pixel.
+    // Small pictures pay for three rounds and a pilot run, 7 and twice 8 paths a pixel.
     let world = rooms();
     let renderer = Renderer::new(&world, &inside(), options(16, 4, 1)).unwrap();
     let least = GuidingOptions::for_picture(Guiding::Lobes, renderer.options());
@@ -282,9 +282,9 @@ fn a_guide_that_loses_walks_less_than_an_eighth_of_the_paths() {
         let report = guidance.report().unwrap();
         let all = u64::from(spp) * 96 * 96;
         assert!(!report.used && report.half && report.gain < 0.85, "{}", report.sentence());
-        assert!(report.sentence().contains("in half of the rehearsal"), "{}", report.sentence());
+        assert!(report.sentence().contains("in half of the pilot run"), "{}", report.sentence());
         assert!(part * report.paths < all, "{guiding:?}: {} of {all} paths", report.paths);
-        let look = u64::from(stage.rehearsal / LOOK);
+        let look = u64::from(stage.pilot / LOOK);
         let side = stage.side as u64;
         assert_eq!(report.paths, ((1 << stage.rounds) - 1 + 2 * look) * side * side, "{}", report.sentence());
     }
@@ -294,8 +294,7 @@ fn a_guide_that_loses_walks_less_than_an_eighth_of_the_paths() {
 fn trials_of_one_picture_are_that_of_all_samples() {
     let world = rooms();
     let renderer = Renderer::new(&world, &inside(), options(8, 4, 1)).unwrap();
-    let part =
-        |first, count| Rehearsal::new(&renderer, first, count).without_records().run(&ScatteringSampler);
+    let part = |first, count| Pilot::new(&renderer, first, count).without_records().run(&ScatteringSampler);
     let (whole, both) = (part(0, 12), part(0, 3).then(part(3, 9), 3, 9));
     assert_eq!((whole.paths, whole.work, whole.columns), (both.paths, both.work, both.columns));
     for (a, b) in whole.pixels.iter().flatten().zip(both.pixels.iter().flatten()) {
@@ -308,7 +307,7 @@ fn training_stops_where_it_is_told_to() {
     let world = rooms();
     let renderer = Renderer::new(&world, &inside(), options(16, 4, 1)).unwrap();
     let stage = GuidingOptions { side: 16, rounds: 2, ..small(Guiding::Lobes) };
-    // Two rounds and both halves of the rehearsal.
+    // Two rounds and both halves of the pilot run.
     for after in 0..=4 {
         let asked = Cell::new(0);
         let stop = || asked.replace(asked.get() + 1) == after;
@@ -395,7 +394,7 @@ fn a_room_without_light_has_no_guide() {
         let report = guidance.report().unwrap();
         assert!(!report.used && report.found == [false; 2] && report.records == 0, "{}", report.sentence());
         assert!(
-            guidance.trained.is_none() && report.sentence().ends_with("is off: the rehearsal found no light")
+            guidance.trained.is_none() && report.sentence().ends_with("is off: the pilot run found no light")
         );
     }
 }

@@ -41,9 +41,9 @@ pub struct Blend {
     /// Change to the next level at the size of the switch, from weight 1.
     pub popping: Popping,
     /// How far the surface is from the next level's, as it is: weight 0.
-    pub before: Apart,
+    pub before: SurfaceDistance,
     /// The same at weight 1.
-    pub after: Apart,
+    pub after: SurfaceDistance,
     /// Triangles whose normals turn by more than 90 degrees on the way and that have an area at its end.
     pub turned: usize,
     /// Triangles that lose their area on the way.
@@ -52,7 +52,7 @@ pub struct Blend {
 
 /// How far two surfaces are from each other, as shares of the diagonal of the level's box.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Apart {
+pub struct SurfaceDistance {
     /// Largest distance from the level to the next, of 15 points a triangle.
     pub largest: f64,
     /// Mean distance from the level to the next, by area.
@@ -67,8 +67,8 @@ pub struct Apart {
 struct Moves {
     /// One for each primitive of the level.
     targets: Vec<MorphTarget>,
-    before: Apart,
-    after: Apart,
+    before: SurfaceDistance,
+    after: SurfaceDistance,
     turned: usize,
     flattened: usize,
 }
@@ -126,7 +126,7 @@ fn moves(fine: &Scene, coarse: &Scene, tolerance: f32) -> Result<Moves, FitError
         let (largest, mean) = distance((positions, &from.triangles), &onto.accel);
         let back = accel(positions, &from.triangles)?;
         let (largest_back, mean_back) = distance((&onto.positions, &onto.triangles), &back);
-        Ok::<_, FitError>(Apart {
+        Ok::<_, FitError>(SurfaceDistance {
             largest: largest * scale,
             mean: mean * scale,
             largest_back: largest_back * scale,

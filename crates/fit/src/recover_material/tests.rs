@@ -150,14 +150,14 @@ fn a_stopped_guided_fit_goes_on_to_the_same_bits() {
     let dir = tempfile::tempdir().unwrap();
     let guiding = GuidingOptions { least_gain: 0.0, ..guiding(Guiding::Flow) };
     let run = |folder: Option<&Path>, resume, stop: usize, threads: usize| {
-        let keeping = Keeping { checkpoint: folder.map(Path::to_owned), resume, time_limit: None };
+        let keeping = Checkpointing { checkpoint: folder.map(Path::to_owned), resume, time_limit: None };
         let options = RecoverMaterialOptions { guiding, steps: 20, keeping, ..options() };
         let stop = Stop(AtomicUsize::new(0), stop);
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| recover_material(&asset, &known.views, &known.pictures, &options, &stop)).unwrap()
     };
     let whole = run(None, false, usize::MAX, 2);
-    // While the guide of the second round learns from 5 views in 4 rounds, with a rehearsal in two halves.
+    // While the guide of the second round learns from 5 views in 4 rounds, with a pilot run in two halves.
     let asked = 5 * (4 + 2) + 1;
     let folder = dir.path();
     let cut = run(Some(folder), false, 14 + asked / 2, 1);

@@ -1,13 +1,13 @@
 //! What a shape is recovered from: pictures, the frame around what they show, and a mesh to begin with.
 
 use super::shape_error::Truth;
-use super::{FEWEST, MOST_LEVELS, PictureSource};
+use super::{MIN_TRIANGLES, MOST_LEVELS, PictureSource};
 use crate::engine::given::GivenPicture;
 use crate::engine::reference::{Rasterized, Reference};
 use crate::engine::views::{Lighting, Orbit, Set, Views};
 use crate::engine::{FitFrame, LightAsset, Normalised};
 use crate::error::in_ranges;
-use crate::pictures::{FEWEST as FEWEST_PICTURES, MOST_SIDE, PictureFolder, PosedPictures};
+use crate::pictures::{MIN_PICTURES, MOST_SIDE, PictureFolder, PosedPictures};
 use crate::recover::bare;
 use crate::simplify::prepare::visibility;
 use crate::{FitError, Progress};
@@ -58,7 +58,7 @@ type Framed = (PictureFolder, FitFrame, Option<Truth>);
 
 /// Pictures of a folder.
 fn given(path: &Path, seed: u64, progress: &dyn Progress) -> Result<Framed, FitError> {
-    let posed = PosedPictures::open(path)?.read(FEWEST_PICTURES, MOST_SIDE)?;
+    let posed = PosedPictures::open(path)?.read(MIN_PICTURES, MOST_SIDE)?;
     let (some, all) = (posed.pictures.iter().filter(|p| p.is_opaque()).count(), posed.pictures.len());
     if some > 0 {
         return Err(posed.error(format!(
@@ -82,7 +82,7 @@ fn drawn(
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<Framed, FitError> {
-    in_ranges([("views", views, FEWEST_PICTURES..=256), ("size", size, 16..=2048)])?;
+    in_ranges([("views", views, MIN_PICTURES..=256), ("size", size, 16..=2048)])?;
     asset.validate_for_fit()?;
     let shown = Normalised::new(asset)?;
     let seen = visibility(&shown.surface()?, progress)?;
@@ -197,9 +197,9 @@ impl Start {
     }
 }
 
-/// A ball that has at most `budget` triangles after as many splits as leave [`FEWEST`] at the start.
+/// A ball that has at most `budget` triangles after as many splits as leave [`MIN_TRIANGLES`] at the start.
 fn ball(budget: usize) -> Mesh {
-    let splits = (0..MOST_LEVELS).take_while(|k| budget >> (2 * (k + 1)) >= FEWEST).count();
+    let splits = (0..MOST_LEVELS).take_while(|k| budget >> (2 * (k + 1)) >= MIN_TRIANGLES).count();
     let coarse = budget >> (2 * splits);
     let mut mesh = shapes::icosphere(((coarse as f64 / 20.0).sqrt().floor() as u32).max(1));
     mesh.positions.iter_mut().for_each(|p| *p *= BALL);

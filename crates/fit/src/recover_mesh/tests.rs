@@ -131,17 +131,17 @@ fn recovery_resumes_to_the_same_bytes() {
     let short = RecoverMeshOptions { steps: 90, triangles: 320, ..options(PositionOptimizer::Bilateral) };
     let (_, whole) = file(&short).unwrap();
     let checkpoint = Some(dir.path().join("state"));
-    let kept = Keeping { checkpoint, resume: false, time_limit: None };
+    let kept = Checkpointing { checkpoint, resume: false, time_limit: None };
     let (_, same) = file(&RecoverMeshOptions { keeping: kept.clone(), ..short.clone() }).unwrap();
     assert!(same == whole, "keeping a checkpoint changes nothing");
     // As if it had been interrupted after the first level.
     std::fs::remove_dir_all(dir.path().join("state").join("part1")).unwrap();
-    let kept = Keeping { resume: true, ..kept };
+    let kept = Checkpointing { resume: true, ..kept };
     let (_, resumed) = file(&RecoverMeshOptions { keeping: kept.clone(), ..short.clone() }).unwrap();
     assert!(resumed == whole, "resumed at the second level");
     // Stopped at once, then resumed.
     std::fs::remove_dir_all(dir.path().join("state")).unwrap();
-    let brief = Keeping { time_limit: Some(std::time::Duration::from_nanos(1)), ..kept.clone() };
+    let brief = Checkpointing { time_limit: Some(std::time::Duration::from_nanos(1)), ..kept.clone() };
     let (stopped, early) = file(&RecoverMeshOptions { keeping: brief, ..short.clone() }).unwrap();
     assert!(stopped && early != whole);
     let resume = |options| file(&RecoverMeshOptions { keeping: kept.clone(), ..options });
@@ -149,10 +149,10 @@ fn recovery_resumes_to_the_same_bytes() {
     // In the used folder, with other options, stopped at once, then resumed.
     let batch = RecoverMeshOptions { batch: 1, ..short.clone() };
     let anew =
-        Keeping { resume: false, time_limit: Some(std::time::Duration::from_nanos(1)), ..kept.clone() };
+        Checkpointing { resume: false, time_limit: Some(std::time::Duration::from_nanos(1)), ..kept.clone() };
     file(&RecoverMeshOptions { keeping: anew, ..batch.clone() }).unwrap();
     assert!(resume(batch.clone()).unwrap().1 == file(&batch).unwrap().1, "an older fit is in nobody's way");
-    file(&RecoverMeshOptions { keeping: Keeping { resume: false, ..kept.clone() }, ..short.clone() })
+    file(&RecoverMeshOptions { keeping: Checkpointing { resume: false, ..kept.clone() }, ..short.clone() })
         .unwrap();
     let other = resume(RecoverMeshOptions { optimizer: PositionOptimizer::Adam, ..short }).unwrap_err();
     assert!(other.to_string().contains("optimizer was bilateral and is adam"), "{other}");
@@ -160,7 +160,7 @@ fn recovery_resumes_to_the_same_bytes() {
 
 #[test]
 fn a_fit_that_ends_before_its_first_step_says_so() {
-    let keeping = Keeping { time_limit: Some(std::time::Duration::ZERO), ..Keeping::default() };
+    let keeping = Checkpointing { time_limit: Some(std::time::Duration::ZERO), ..Checkpointing::default() };
     let ended = RecoverMeshOptions { keeping, ..options(PositionOptimizer::LargeSteps) };
     let (r, _) = recovered(&scene(shapes::cube()), &ended);
     assert!(r.steps == 0 && r.plan.phases.is_empty(), "{}", r.plan);

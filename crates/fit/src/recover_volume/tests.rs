@@ -111,9 +111,9 @@ fn stopped_fits_go_on_to_the_same_bits() {
         let options = RecoverVolumeOptions { keeping, ..options(16, 60) };
         recover_volume(&surroundings(), &views, &pictures, &options, progress).expect("found")
     };
-    let whole = run(Keeping::default(), &Silent);
+    let whole = run(Checkpointing::default(), &Silent);
     let dir = tempfile::tempdir().expect("a folder");
-    let kept = Keeping { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
+    let kept = Checkpointing { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
     // In the first grid, then in the second.
     for reports in [2, 8] {
         let part = run(kept.clone(), &Stopping(AtomicU64::new(reports)));
@@ -135,12 +135,12 @@ fn a_fit_in_a_used_folder_that_is_stopped_goes_on_as_itself() {
         recover_volume(&surroundings(), &views, &pictures, &options, progress).expect("found")
     };
     let dir = tempfile::tempdir().expect("a folder");
-    let kept = |resume| Keeping { checkpoint: Some(dir.path().into()), resume, time_limit: None };
+    let kept = |resume| Checkpointing { checkpoint: Some(dir.path().into()), resume, time_limit: None };
     run(0.05, kept(false), &Silent);
     // Another fit, which is stopped in its first grid.
     assert!(run(0.02, kept(false), &Stopping(AtomicU64::new(2))).stopped);
     let on = run(0.02, kept(true), &Silent);
-    let whole = run(0.02, Keeping::default(), &Silent);
+    let whole = run(0.02, Checkpointing::default(), &Silent);
     assert!(!on.stopped && on.extinction == whole.extinction && on.albedo == whole.albedo);
 }
 

@@ -20,7 +20,7 @@ pub use verdict::{Likeness, Verdict};
 
 use crate::FitError;
 use crate::engine::judge::BEST_PSNR;
-use crate::simplify::{FILE, FITTED, Normalised, Outcome, Quality, Surfacing, Written};
+use crate::simplify::{Appearance, FILE, FITTED, Normalised, Outcome, Quality, Written};
 use page::{bytes, escape};
 use photofit_image::write_atomically;
 use photofit_scene::Scene;
@@ -78,7 +78,7 @@ fn html(o: &Outcome, info: &ReportInfo<'_>) -> Result<String, FitError> {
         views::at_size(o, info.screen_size)?,
         contents::section(contents::parts(&file).as_ref(), info.scene, &light, [&o.left_out, &o.not_fitted]),
         views::section(&o.views, &o.stages.iter().map(|s| s.0).collect::<Vec<_>>(), last)?,
-        if o.written.has_own_surface() || o.surfacing == Surfacing::VertexColors {
+        if o.written.has_own_surface() || o.appearance == Appearance::VertexColors {
             String::new()
         } else {
             atlas::section(&o.candidate)?
@@ -161,7 +161,7 @@ fn significant(x: f64) -> String {
 }
 
 fn table(o: &Outcome) -> String {
-    let start = |start: Written| format!("{} with baked {}: a start", start.start(), o.surfacing.in_words());
+    let start = |start: Written| format!("{} with baked {}: a start", start.start(), o.appearance.in_words());
     let what = |name: &str| match name {
         "decimated" => "the asset's own materials on as many triangles".to_owned(),
         FITTED if o.written == Written::Fitted => "the written file, loaded again".to_owned(),

@@ -1,7 +1,7 @@
 //! The verdict of a report: does the light asset look like the asset?
 
 use crate::engine::judge::CLEAR_GAIN;
-use crate::simplify::{ORIGINAL, Outcome, Quality, Surfacing, Written};
+use crate::simplify::{Appearance, ORIGINAL, Outcome, Quality, Written};
 use std::fmt;
 
 /// Mean FLIP over all views, and FLIP of the worst view, up to which two assets look the same.
@@ -25,7 +25,7 @@ pub struct Verdict {
     /// What was written.
     pub written: Written,
     /// What it has in place of the asset's surface, where something was baked or fitted.
-    pub surfacing: Surfacing,
+    pub appearance: Appearance,
     /// Whether steps of a fit were made.
     pub fitted: bool,
     /// Whether what was written was compared with what else could be.
@@ -80,16 +80,16 @@ impl Verdict {
         let of = |k: usize| o.views.iter().map(|v| v.quality[k].quality).collect::<Vec<Quality>>();
         let original = all.iter().position(|s| s.0 == ORIGINAL).map(of);
         let better = better(&all[..k], &all[k].1);
-        let (written, surfacing, fitted) = (o.written, o.surfacing, o.steps > 0);
+        let (written, appearance, fitted) = (o.written, o.appearance, o.steps > 0);
         let compared = o.was_chosen();
-        Self { better, written, surfacing, fitted, compared, ..Self::new(&of(k), original.as_deref()) }
+        Self { better, written, appearance, fitted, compared, ..Self::new(&of(k), original.as_deref()) }
     }
 
     /// Of views, and of the asset itself in the same ones.
     fn new(views: &[Quality], original: Option<&[Quality]>) -> Self {
         let mean = Quality::mean(views.iter());
         let worst = views.iter().copied().enumerate().max_by(|a, b| a.1.flip.total_cmp(&b.1.flip));
-        let (written, surfacing, better) = (Written::Fitted, Surfacing::Maps, None);
+        let (written, appearance, better) = (Written::Fitted, Appearance::Maps, None);
         let (fitted, compared) = (true, true);
         let likeness = match original {
             _ if views.is_empty() => Likeness::Unknown,
@@ -103,7 +103,7 @@ impl Verdict {
         };
         let original = original.map(|o| Quality::mean(o.iter()));
         let views = views.len();
-        Self { likeness, mean, worst, views, better, written, surfacing, fitted, compared, original }
+        Self { likeness, mean, worst, views, better, written, appearance, fitted, compared, original }
     }
 }
 
@@ -132,19 +132,19 @@ impl fmt::Display for Verdict {
         if let Some(original) = &self.original {
             write!(f, "; the asset itself drawn so: {} dB, FLIP {:.3}", original.decibels(1), original.flip)?;
         }
-        let (maps, start) = (self.surfacing.in_words(), self.written.start());
+        let (maps, start) = (self.appearance.in_words(), self.written.start());
         match self.written {
             Written::Fitted | Written::Kept => Ok(()),
             Written::Rebaked => {
                 write!(f, "; written is the fitted shape with {maps} baked anew, which looked best")
             }
-            Written::Wrapped | Written::Sphere | Written::Baked if !self.fitted => {
+            Written::ShrinkWrapped | Written::Sphere | Written::Baked if !self.fitted => {
                 write!(f, "; written is {start} with baked {maps}: no steps were made")
             }
-            Written::Wrapped | Written::Sphere | Written::Baked if !self.compared => {
+            Written::ShrinkWrapped | Written::Sphere | Written::Baked if !self.compared => {
                 write!(f, "; written is the start, {start} with baked {maps}: no step came to a better one")
             }
-            Written::Wrapped | Written::Sphere | Written::Baked => write!(
+            Written::ShrinkWrapped | Written::Sphere | Written::Baked => write!(
                 f,
                 "; no fit looked better than its start, {start} with baked {maps}, which is what was written"
             ),
@@ -230,19 +230,19 @@ mod tests {
         let told = |written, fitted| {
             Verdict { written, fitted, ..Verdict::new(&[Quality::default()], None) }.to_string()
         };
-        for written in [Written::Baked, Written::Wrapped, Written::Sphere, Written::Decimated] {
+        for written in [Written::Baked, Written::ShrinkWrapped, Written::Sphere, Written::Decimated] {
             assert!(told(written, true).contains("no fit looked better"), "{written:?}");
             assert!(!told(written, false).contains("no fit"), "{written:?}");
         }
-        let start = |written, surfacing| {
-            Verdict { written, surfacing, ..Verdict::new(&[Quality::default()], None) }.to_string()
+        let start = |written, appearance| {
+            Verdict { written, appearance, ..Verdict::new(&[Quality::default()], None) }.to_string()
         };
         assert!(
-            start(Written::Sphere, Surfacing::Maps)
+            start(Written::Sphere, Appearance::Maps)
                 .contains("a sphere, drawn onto the asset's surface, with baked maps")
         );
         assert!(
-            start(Written::Wrapped, Surfacing::VertexColors)
+            start(Written::ShrinkWrapped, Appearance::VertexColors)
                 .contains("surface, with baked colours of vertices")
         );
         assert!(told(Written::Whole, false).ends_with("as it was given: no other file took so few bytes"));

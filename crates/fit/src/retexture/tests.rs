@@ -85,7 +85,7 @@ fn the_candidate_is_drawn_at_the_moment_of_the_shot() {
     let at_rest = candidate.vertices_of(OrientedPoints::of(&rest.mesh));
     candidate.set_maps(baked(&n, (&rays, &seen), &candidate, (at_rest, None), &Silent).unwrap().0);
     let reference = crate::engine::reference::ReferenceKind::RASTERIZED;
-    let plan = SurfacePlan::new(&candidate, Asked { steps: 10, moves: true, reference });
+    let plan = SurfacePlan::new(&candidate, FitRequest { steps: 10, moves: true, reference });
     let mut model = Cpu::new(Posed::new(Surface::new(candidate, &plan), &poses, None)).unwrap();
     let theirs = Animated::new(&scene, &n);
     let reference = Rasterized::new(&n.flat, &n.library).animated(&theirs);
@@ -277,7 +277,7 @@ fn a_bake_that_no_fit_improves_is_written() {
 #[test]
 fn a_fit_that_ends_at_once_says_so() {
     let dir = tempfile::tempdir().unwrap();
-    let keeping = Keeping { time_limit: Some(std::time::Duration::ZERO), ..Keeping::default() };
+    let keeping = Checkpointing { time_limit: Some(std::time::Duration::ZERO), ..Checkpointing::default() };
     let ended = RetextureOptions { resolution: 32, steps: 5, keeping, ..options() };
     let r = retexture(&arm(24, 32), &light(), &dir.path().join("arm.glb"), &ended, &Silent).unwrap();
     assert!(r.steps == 0 && r.plan.phases.is_empty(), "{}", r.plan);
@@ -413,7 +413,7 @@ fn poses_on_a_device_are_those_of_the_cpu() {
     let poses = Animated::new(&bare, &n).playing(&n.light_asset.animations);
     let candidate = candidate(&n, &poses.flat(Moment::default()).unwrap(), 64).unwrap();
     let reference = crate::engine::reference::ReferenceKind::RASTERIZED;
-    let plan = SurfacePlan::new(&candidate, Asked { steps: 10, moves: true, reference });
+    let plan = SurfacePlan::new(&candidate, FitRequest { steps: 10, moves: true, reference });
     let model = Posed::new(Surface::new(candidate, &plan), &poses, None);
     let theirs = Animated::new(&scene, &n);
     let reference = Rasterized::new(&n.flat, &n.library).animated(&theirs);
@@ -515,8 +515,11 @@ fn a_moment_that_turns_triangles_inside_out_is_refused_before_work() {
 fn a_checkpoint_of_other_poses_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("x.glb");
-    let keeping =
-        |resume| Keeping { checkpoint: Some(dir.path().join("state")), resume, ..Keeping::default() };
+    let keeping = |resume| Checkpointing {
+        checkpoint: Some(dir.path().join("state")),
+        resume,
+        ..Checkpointing::default()
+    };
     let moments = vec![Moment { animation: Some(0), time: 1.0 }];
     let o = |resume| RetextureOptions {
         steps: 2,

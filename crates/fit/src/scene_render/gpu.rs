@@ -70,7 +70,7 @@ struct Params {
 
 /// A picture that is asked for.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Asked<'a> {
+pub(crate) struct PictureRequest<'a> {
     pub(crate) camera: &'a Camera,
     pub(crate) lights: &'a ViewLights,
     /// Columns and rows of pixels, at least one of each.
@@ -134,7 +134,7 @@ impl DeviceScene {
     }
 
     /// Why a device cannot draw a picture, whatever it has room for: by the picture and the limits alone.
-    pub(crate) fn refused(gpu: &Gpu, asked: &Asked<'_>) -> Option<String> {
+    pub(crate) fn refused(gpu: &Gpu, asked: &PictureRequest<'_>) -> Option<String> {
         let [w, h] = asked.size;
         let axis = w.max(h) * asked.samples;
         if axis > AXIS_MAX {
@@ -156,7 +156,7 @@ impl DeviceScene {
     }
 
     /// Bytes that a picture takes besides the asset.
-    pub(crate) fn bytes(&self, asked: &Asked<'_>) -> usize {
+    pub(crate) fn bytes(&self, asked: &PictureRequest<'_>) -> usize {
         let [w, h] = asked.size;
         let band = w * h.div_ceil(self.scene.bands(asked)) * asked.samples.pow(2);
         band * PictureBuffers::bytes_of_sample(self.scene.layers) + w * h * size_of::<[f32; 4]>()
@@ -166,7 +166,7 @@ impl DeviceScene {
     ///
     /// # Errors
     /// If the device has no room, refuses a command or is lost; what the picture took is given back then.
-    pub(crate) fn draw(&mut self, asked: &Asked<'_>) -> Result<Image, GpuError> {
+    pub(crate) fn draw(&mut self, asked: &PictureRequest<'_>) -> Result<Image, GpuError> {
         let Self { scene, skies, stage, most } = self;
         let bands = scene.bands(asked);
         if !stage.as_ref().is_some_and(|s| s.serves(asked, bands)) {
@@ -236,7 +236,7 @@ impl Uploaded {
     }
 
     /// In how many bands a picture is drawn: as few as its samples may be bound and take bytes in.
-    fn bands(&self, asked: &Asked<'_>) -> usize {
+    fn bands(&self, asked: &PictureRequest<'_>) -> usize {
         let [width, height] = asked.size;
         let binding = usize::try_from(self.gpu.report().largest_binding).unwrap_or(usize::MAX);
         let samples =
@@ -246,7 +246,7 @@ impl Uploaded {
     }
 
     /// Parameters of the kernels of some rows of a picture, but for those of shading.
-    fn frame(&self, asked: &Asked<'_>, rows: &Range<usize>) -> FrameParams {
+    fn frame(&self, asked: &PictureRequest<'_>, rows: &Range<usize>) -> FrameParams {
         let [width, height] = asked.size;
         let whole = matrix_rows(&asked.camera.view_projection());
         let shot = Shot {
@@ -265,7 +265,7 @@ impl Uploaded {
         }
     }
 
-    fn shading(&self, frame: &FrameParams, asked: &Asked<'_>, lights: Lights) -> Params {
+    fn shading(&self, frame: &FrameParams, asked: &PictureRequest<'_>, lights: Lights) -> Params {
         let (eye, Layout { stride, tangent, uvs, color }) = (asked.camera.eye, self.layout);
         let FrameParams { width, height, .. } = *frame;
         let grid = PixelGrid::<f32>::new(width as usize, height as usize);
@@ -303,7 +303,12 @@ fn rows(band: usize, bands: usize, height: usize) -> Range<usize> {
 }
 
 impl Stage {
-    fn new(scene: &Uploaded, skies: &Skies, asked: &Asked<'_>, bands: usize) -> Result<Self, GpuError> {
+    fn new(
+        scene: &Uploaded,
+        skies: &Skies,
+        asked: &PictureRequest<'_>,
+        bands: usize,
+    ) -> Result<Self, GpuError> {
         let Uploaded { gpu, mesh, layers, .. } = scene;
         let ([width, height], samples) = (asked.size, asked.samples);
         let most = 0..height.div_ceil(bands);
@@ -322,7 +327,7 @@ impl Stage {
     }
 
     /// Whether it has room for a picture, and not much more, and draws it in so many bands.
-    fn serves(&self, asked: &Asked<'_>, bands: usize) -> bool {
+    fn serves(&self, asked: &PictureRequest<'_>, bands: usize) -> bool {
         let ([w, h], [width, height]) = (asked.size, self.size);
         self.samples == asked.samples
             && w <= width
@@ -332,7 +337,7 @@ impl Stage {
     }
 
     /// Sets the parameters of a picture for the next run.
-    fn aim(&mut self, scene: &Uploaded, skies: &Skies, asked: &Asked<'_>) {
+    fn aim(&mut self, scene: &Uploaded, skies: &Skies, asked: &PictureRequest<'_>) {
         let lights = skies.tables.lights(&asked.lights.lights(), |map| skies.number(map));
         let count = self.bands.len();
         for (k, (slots, shading)) in self.bands.iter().enumerate() {

@@ -7,7 +7,7 @@ use super::{Asset, SimplifyOptions, Written, plain};
 use crate::bake;
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
-use crate::engine::judge::Stage;
+use crate::engine::judge::{Certainty, Stage};
 use crate::engine::reference::{ENERGY, Reference};
 use crate::engine::surface::{self, Surface};
 use crate::engine::trainer::{HeldOut, Trained};
@@ -67,8 +67,8 @@ pub(super) struct Chosen {
     pub(super) own: Option<Shapes>,
     /// The asset with its own materials on as many triangles; `None` where nothing was compared, since the user stopped the work.
     pub(super) plain: Option<Stage>,
-    /// In how many views it was chosen, and whether something else might have been better in more of them.
-    pub(super) seen: Option<(u64, bool)>,
+    /// How sure the choice is; `None` where it was cut.
+    pub(super) certainty: Option<Certainty>,
 }
 
 /// The fit judged itself by its own renderer; the choice among the fitted asset, the same with maps baked anew, the
@@ -124,7 +124,7 @@ pub(super) fn best(
         own,
         plain: Some(plain),
         // Who stopped the work cut the choice, too.
-        seen: (!progress.is_cancelled()).then(|| (ranking.views(), ranking.is_close())),
+        certainty: (!progress.is_cancelled()).then(|| ranking.certainty()),
     })
 }
 
@@ -139,5 +139,5 @@ fn reached(
     let fitted = trained.history.iter().any(|h| h.quality > first);
     let written = if fitted { Written::Fitted } else { starts[start].made };
     let light = options.exported(&trained.model.candidate, n);
-    Chosen { trained, light, written, fitted: None, own: None, plain: None, seen: None }
+    Chosen { trained, light, written, fitted: None, own: None, plain: None, certainty: None }
 }

@@ -127,7 +127,7 @@ mod tests {
             stages
         };
         let fast = run(Effort::Fast, false).unwrap();
-        assert_eq!(stages(&fast), ["decimated", "wrapped", "fitted"]);
+        assert_eq!(stages(&fast), ["decimated", "shrink-wrapped", "fitted"]);
         assert_eq!((fast.effort, fast.steps, fast.views.len()), (Effort::Fast, 3, 4));
         match run(Effort::Normal, true) {
             Err(FitError::OtherFit { differences, .. }) => {
@@ -136,7 +136,7 @@ mod tests {
             other => panic!("the checkpoint of another effort is taken: {other:?}"),
         }
         let normal = run(Effort::Normal, false).unwrap();
-        assert_eq!(stages(&normal), ["decimated", "baked", "wrapped", "fitted"]);
+        assert_eq!(stages(&normal), ["decimated", "baked", "shrink-wrapped", "fitted"]);
         assert_eq!((normal.effort, normal.views.len()), (Effort::Normal, 8));
     }
 

@@ -5,7 +5,7 @@ use super::byte_budget::{Budget, Shapes};
 use super::choice::Chosen;
 use super::through_path::{TracedMaps, fit_maps};
 use super::{Asset, SimplifyOptions, Written, dressed};
-use crate::engine::judge::Stage;
+use crate::engine::judge::{Certainty, Stage};
 use crate::engine::reference::Reference;
 use crate::engine::surface::Surface;
 use crate::engine::trainer::Trained;
@@ -24,8 +24,8 @@ pub(super) struct Finished {
     pub(super) traced_maps: TracedMaps,
     /// The asset with its own materials on as many triangles, where something was compared with it.
     pub(super) plain: Option<Stage>,
-    /// As [`Chosen::seen`]; within a budget of bytes the files are compared once more.
-    pub(super) seen: Option<(u64, bool)>,
+    /// As [`Chosen::certainty`]; within a budget of bytes the files are compared once more.
+    pub(super) certainty: Option<Certainty>,
 }
 
 /// What is written of `chosen` and, where the file may have so many bytes only, of the asset with its own materials, which was not
@@ -38,7 +38,7 @@ pub(super) fn finish(
     options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<Finished, FitError> {
-    let Chosen { trained, light: new, written: was, mut fitted, own, plain, seen } = chosen;
+    let Chosen { trained, light: new, written: was, mut fitted, own, plain, certainty } = chosen;
     let with_maps =
         |light, written| fit_maps(asset, light, (written, trained.stopped, spent), options, progress);
     let (light, written, traced_maps) = match options.max_bytes {
@@ -61,7 +61,7 @@ pub(super) fn finish(
         fitted,
         traced_maps,
         plain,
-        seen: seen.filter(|_| options.max_bytes.is_none()),
+        certainty: certainty.filter(|_| options.max_bytes.is_none()),
     })
 }
 

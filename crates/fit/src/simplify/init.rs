@@ -54,7 +54,14 @@ impl Shape {
         let mut mesh = d.mesh.clone();
         shrink_wrap::NEARBY.run(&mut mesh, &d.locked, reference, weights, progress)?;
         let (locked, unseen) = (locks::locked(&d), Some(d.stats.unseen));
-        Ok(Self { mesh, class: d.group, made: Written::Wrapped, decimated: Some(d.mesh), locked, unseen })
+        Ok(Self {
+            mesh,
+            class: d.group,
+            made: Written::ShrinkWrapped,
+            decimated: Some(d.mesh),
+            locked,
+            unseen,
+        })
     }
 }
 
@@ -79,7 +86,7 @@ impl Init {
             return Ok(());
         }
         let most = match target {
-            // A share leaves [`super::FEWEST`] or all there are.
+            // A share leaves [`super::MIN_TRIANGLES`] or all there are.
             Target::Ratio(_) => triangles,
             target => self.budget(target, triangles)?,
         };

@@ -3,8 +3,8 @@
 use super::byte_budget::Budget;
 use super::outcome::Times;
 use super::{
-    Asset, FILE, ORIGINAL, Outcome, SimplifyOptions, Surfacing, Written, byte_budget, dressed, options,
-    outcome, plain, prepare, stages_beside, surfacing,
+    Appearance, Asset, FILE, ORIGINAL, Outcome, SimplifyOptions, Written, appearance, byte_budget, dressed,
+    options, outcome, plain, prepare, stages_beside,
 };
 use crate::candidate::{Candidate, SurfaceClass};
 use crate::engine::FitFrame;
@@ -28,7 +28,7 @@ fn check(scene: &Scene) -> Result<(), FitError> {
         return Ok(());
     }
     let must = "needs texture coordinates, and the asset has none: without it the light asset gets new ones";
-    options::rule(surfacing::FIELD, Surfacing::Kept.name(), false, must)
+    options::rule(appearance::FIELD, Appearance::Kept.name(), false, must)
 }
 
 /// Decimates an asset in several ways, and writes what looks best.
@@ -92,7 +92,7 @@ pub(super) fn simplify(
     let judged = judge.method(&stages);
     let mut made = Outcome::new(triangles, trained, plan, &names, views, judged, times, options);
     (made.file, made.written, made.textures, made.stopped) = (path, Written::Kept, textures, stopped);
-    (made.left_out, made.not_fitted) = (outcome::left_out(given, written, options.surfacing), Vec::new());
+    (made.left_out, made.not_fitted) = (outcome::left_out(given, written, options.appearance), Vec::new());
     prepare::tell_budget(options, triangles, progress);
     Ok(made)
 }
@@ -122,7 +122,7 @@ mod tests {
     use std::collections::HashSet;
 
     fn kept() -> SimplifyOptions {
-        SimplifyOptions { surfacing: Surfacing::Kept, target: Target::Ratio(0.25), ..options() }
+        SimplifyOptions { appearance: Appearance::Kept, target: Target::Ratio(0.25), ..options() }
     }
 
     #[test]
@@ -157,11 +157,11 @@ mod tests {
         scene.primitives[0].mesh.uvs.clear();
         let path = std::env::temp_dir().join("never-written.glb");
         let refused = simplify(&scene, &path, &kept(), &Silent).unwrap_err().to_string();
-        let part = "surfacing is kept; it needs texture coordinates, and the asset has none";
+        let part = "appearance is kept; it needs texture coordinates, and the asset has none";
         assert!(refused.contains(part), "{refused}");
         let sphere = SimplifyOptions { init: Init::Sphere, ..kept() };
         let refused = simplify(&tiled(), &path, &sphere, &Silent).unwrap_err().to_string();
-        assert!(refused.contains("surfacing is kept; it goes with"), "{refused}");
+        assert!(refused.contains("appearance is kept; it goes with"), "{refused}");
         assert!(!path.exists());
     }
 
@@ -188,13 +188,13 @@ mod tests {
         };
         let before = border(&scene.primitives[0].mesh);
         assert_eq!(before.len(), 80);
-        for surfacing in [Surfacing::Kept, Surfacing::Maps] {
-            let o = SimplifyOptions { lock_borders: true, surfacing, ..kept() };
+        for appearance in [Appearance::Kept, Appearance::Maps] {
+            let o = SimplifyOptions { lock_borders: true, appearance, ..kept() };
             let heard = Heard::default();
             let made = simplify(&scene, &path, &o, &heard).unwrap();
             assert!(made.triangles_out <= 200 && heard.0.lock().unwrap().is_empty());
             let light = photofit_scene::load(&path).unwrap().flatten();
-            assert_eq!(border(&light.mesh), before, "{surfacing:?}");
+            assert_eq!(border(&light.mesh), before, "{appearance:?}");
             // A budget that the border leaves no room for.
             let few = SimplifyOptions { target: Target::Triangles(64), steps: 4, ..o };
             let made = simplify(&scene, &path, &few, &heard).unwrap();
@@ -226,20 +226,20 @@ mod tests {
                 mesh.triangles.iter().flatten().map(|v| bits(mesh.positions[*v as usize])).collect();
             wanted.iter().filter(|p| all.contains(&bits(**p))).count()
         };
-        for surfacing in [Surfacing::Kept, Surfacing::Maps] {
-            let free = SimplifyOptions { surfacing, ..kept() };
+        for appearance in [Appearance::Kept, Appearance::Maps] {
+            let free = SimplifyOptions { appearance, ..kept() };
             simplify(&scene, &path, &free, &Silent).unwrap();
-            assert!(there(&photofit_scene::load(&path).unwrap()) < wanted.len(), "{surfacing:?}");
+            assert!(there(&photofit_scene::load(&path).unwrap()) < wanted.len(), "{appearance:?}");
             let locked = SimplifyOptions { lock: Some("SEAM".into()), ..free };
             let made = simplify(&scene, &path, &locked, &Silent).unwrap();
             assert!(made.triangles_out <= 200, "{}", made.triangles_out);
-            let kept = surfacing == Surfacing::Kept;
+            let kept = appearance == Appearance::Kept;
             assert_eq!((made.written == Written::Kept, made.steps > 0), (kept, !kept));
-            assert_eq!(there(&photofit_scene::load(&path).unwrap()), wanted.len(), "{surfacing:?}");
+            assert_eq!(there(&photofit_scene::load(&path).unwrap()), wanted.len(), "{appearance:?}");
             assert!(made.left_out.iter().any(|l| l.contains("vertex attribute")), "{:?}", made.left_out);
         }
         // From level to level, too.
-        let fit = SimplifyOptions { lock: Some("seam".into()), surfacing: Surfacing::Maps, ..kept() };
+        let fit = SimplifyOptions { lock: Some("seam".into()), appearance: Appearance::Maps, ..kept() };
         let chain = LodOptions {
             sizes: vec![64.0, 32.0, 16.0],
             triangles: vec![300, 200, 100],

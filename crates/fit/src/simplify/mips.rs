@@ -1,7 +1,7 @@
 //! Mip levels with texels of their own: what goes with them, and the sizes of the pictures that they are fitted to.
 
 use super::options::rule;
-use super::{FitRenderer, SimplifyOptions, Surfacing};
+use super::{Appearance, FitRenderer, SimplifyOptions};
 use crate::FitError;
 use crate::engine::classes::MaterialClass;
 use crate::engine::trainer::Measure;
@@ -43,7 +43,7 @@ pub(super) fn check(o: &SimplifyOptions) -> Result<(), FitError> {
     let ktx2 = matches!(o.texture_encoding, TextureEncoding::Ktx2 { .. });
     needs(ktx2, "needs ktx2 textures: PNG, JPEG and WebP hold no mip levels, readers make their own")?;
     needs(
-        o.surfacing == Surfacing::Maps,
+        o.appearance == Appearance::Maps,
         "needs new maps: what is kept or has colours of vertices has none",
     )?;
     needs(

@@ -3,6 +3,7 @@
 //! load -> normalise -> decimate -> shrink-wrap -> atlas -> bake -> fit by rendering -> bake again on the fitted shape -> fit
 //! the maps -> export -> reload the file and compare it with the reference on views and lights that the fit never saw.
 
+mod appearance;
 mod backs;
 mod by_outline;
 mod byte_budget;
@@ -22,7 +23,6 @@ pub(crate) mod prepare;
 mod reference;
 mod rival;
 pub(crate) mod shrink_wrap;
-mod surfacing;
 mod texture_space;
 mod through_path;
 
@@ -36,14 +36,16 @@ pub use crate::engine::export::to_scene;
 pub use crate::engine::judge::{JudgeRenderer, Judged, Quality, ReportView, ViewQuality};
 pub use crate::engine::plan::Runs;
 pub use crate::engine::trainer::HistoryPoint;
+pub use appearance::Appearance;
 pub use effort::Effort;
 pub use init::Init;
 pub use mips::Mips;
-pub use options::{FEWEST, LARGEST_ENGINE_PICTURE, MILD, MOST_REPLAYS, Resolved, SimplifyOptions};
+pub use options::{
+    LARGEST_ENGINE_PICTURE, MILD_RATIO, MIN_TRIANGLES, MOST_REPLAYS, Resolved, SimplifyOptions,
+};
 pub use outcome::{Outcome, Written, too_large_path};
 pub use plan::{FitPlan, Judgement};
 pub use reference::ReferenceRenderer;
-pub use surfacing::Surfacing;
 pub use through_path::{FitRenderer, TRACED_FOLDER};
 
 use crate::bake;
@@ -58,7 +60,7 @@ use crate::engine::plan::SurfacePlan;
 use crate::engine::surface::{
     POSITIONS, Surface, fade_over, group_of_level, rate_of_maps, rate_of_positions, samples_of,
 };
-use crate::engine::trainer::{self, HeldOut, Job, Keeping, Phase};
+use crate::engine::trainer::{self, Checkpointing, HeldOut, Job, Phase};
 use crate::engine::views::Moment;
 use crate::visibility::Visibility;
 use crate::{FitError, Progress};
@@ -118,7 +120,7 @@ fn resolved_since(
     progress: &dyn Progress,
 ) -> Result<Outcome, FitError> {
     locks::check(scene, options, progress)?;
-    if let Keeping { checkpoint: Some(folder), resume: true, .. } = options.keeping()
+    if let Checkpointing { checkpoint: Some(folder), resume: true, .. } = options.keeping()
         && options.fit_steps() > 0
     {
         checkpoint::check_options(&folder, &steering(options).option("steps", options.steps))?;
@@ -174,7 +176,7 @@ pub(crate) fn simplify_asset(
 ) -> Result<Outcome, FitError> {
     let Asset { given, scene, n, rays, visibility } = asset;
     mips::check_classes(options, &n.used_classes())?;
-    if options.surfacing == Surfacing::Kept {
+    if options.appearance == Appearance::Kept {
         return kept::simplify(asset, output, options, began, progress);
     }
     through_path::begin(options, progress);
@@ -231,11 +233,11 @@ pub(crate) fn simplify_asset(
     )?;
     let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
     let chosen = choice::best(asset, trained, (&all[..], starts.best, rival), judged, options, progress)?;
-    if options.surfacing == Surfacing::VertexColors {
+    if options.appearance == Appearance::VertexColors {
         outcome::tell_detail(&chosen.trained.model.candidate, n, progress);
     }
     let spent = fit_began.elapsed();
-    let Finished { trained, light, written, fitted, traced_maps, plain, seen } =
+    let Finished { trained, light, written, fitted, traced_maps, plain, certainty } =
         finish::finish(asset, chosen, spent, judged, options, progress)?;
     if trained.behind.is_some() && written != Written::Decimated {
         progress.warn(
@@ -257,14 +259,14 @@ pub(crate) fn simplify_asset(
     let told = options.judgement(given).made(pictures.len(), stages_beside(&stages));
     let plan =
         plan.with_judgement(told).with_result(written, [trained.steps, trained.reached()], traced_maps.row());
-    let plan = plan.with_behind(trained.behind).with_choice(seen);
+    let plan = plan.with_behind(trained.behind).with_choice(certainty);
     let mut outcome =
         Outcome::new(triangles, trained, plan, &names, pictures, judge.method(&stages), times, options);
     outcome.device = device.name();
     (outcome.file, outcome.written, outcome.textures) = (path, written, textures);
     let light = &stages[stages.len() - 1].scene;
     (outcome.left_out, outcome.not_fitted) = (
-        outcome::left_out(given, light, options.surfacing),
+        outcome::left_out(given, light, options.appearance),
         outcome::not_fitted(given, light, written.has_own_surface()),
     );
     outcome.stopped |= progress.is_cancelled();

@@ -2,17 +2,17 @@
 
 use super::through_path::{FitRenderer, TracedMaps};
 use super::{
-    Effort, FitPlan, Init, Judgement, Mips, Normalised, ReferenceRenderer, Surfacing, by_outline,
-    byte_budget, locks, mips, surfacing,
+    Appearance, Effort, FitPlan, Init, Judgement, Mips, Normalised, ReferenceRenderer, appearance,
+    by_outline, byte_budget, locks, mips,
 };
 use crate::bake::{BakeSettings, Occlusion};
 use crate::candidate::Candidate;
 use crate::engine::device::Device;
 use crate::engine::export::to_scene;
 use crate::engine::judge::{self, Judge, JudgeRenderer, Judged, WIDEST_TRACED, beyond_rasterizer};
-use crate::engine::plan::Asked;
+use crate::engine::plan::FitRequest;
 use crate::engine::reference::{Reference, ReferenceKind, SAMPLES, SUPERSAMPLE, samples_for};
-use crate::engine::trainer::{HELD_OUT, Keeping};
+use crate::engine::trainer::{Checkpointing, HELD_OUT};
 use crate::engine::vertex_colors::colored;
 use crate::views::{Lighting, Sampling};
 use crate::{FitError, Progress};
@@ -79,14 +79,14 @@ pub struct SimplifyOptions {
     /// the texels that new maps would have or to [`Self::max_bytes`], may be written where they look better than what was fitted; else there are
     /// always new maps, one set for all.
     pub own_textures: bool,
-    /// Whether the asset's own textures keep their texels where they are written and [`MILD`] of the triangles or more are
+    /// Whether the asset's own textures keep their texels where they are written and [`MILD_RATIO`] of the triangles or more are
     /// left.
     pub whole_textures: bool,
-    /// Longest side of the asset's own textures where they are written, but for [`Surfacing::Kept`]; `None`: whatever goes
+    /// Longest side of the asset's own textures where they are written, but for [`Appearance::Kept`]; `None`: whatever goes
     /// with the texels of all of them. [`Self::whole_textures`] comes first.
     pub own_texture_size: Option<usize>,
     /// What the light asset has in place of the asset's surface.
-    pub surfacing: Surfacing,
+    pub appearance: Appearance,
     /// Whether vertices on open borders stay where they are, in the decimation and in the fit, to the bit.
     pub lock_borders: bool,
     /// The attribute (`_NAME` of a glTF file, without the underscore, read by [`photofit_scene::Limits::vertex_attribute`]) that marks
@@ -131,7 +131,7 @@ impl Default for SimplifyOptions {
             own_textures: true,
             whole_textures: false,
             own_texture_size: None,
-            surfacing: Surfacing::default(),
+            appearance: Appearance::default(),
             lock_borders: false,
             lock: None,
             occlusion: Occlusion::Maps,
@@ -189,30 +189,30 @@ impl SimplifyOptions {
         let plan = FitPlan::new(scene)
             .with_options(self.fit_steps(), reference, &self.lighting)
             .without_steps(self.lacks_nothing(scene).then_some(NOTHING_LACKS))
-            .with_surfacing(self.surfacing)
+            .with_appearance(self.appearance)
             .with_judgement(self.judgement(scene))
             .with_occlusion(self.occlusion)
             .with_traced_maps(TracedMaps::planned(self).row())
             .with_mips(self.mip_sizes());
-        if self.surfacing == Surfacing::Kept { plan } else { plan.with_outline(by_outline::planned(self)) }
+        if self.appearance == Appearance::Kept { plan } else { plan.with_outline(by_outline::planned(self)) }
     }
 
     /// What is asked of the surface that is fitted to pictures of a kind.
-    pub(super) fn asked(&self, reference: ReferenceKind) -> Asked {
+    pub(super) fn asked(&self, reference: ReferenceKind) -> FitRequest {
         let steps = self.fit_steps();
-        Asked { steps, moves: true, reference }
+        FitRequest { steps, moves: true, reference }
     }
 
     /// Steps that are made at most.
     pub fn fit_steps(&self) -> u64 {
-        if self.surfacing == Surfacing::Kept { 0 } else { self.steps }
+        if self.appearance == Appearance::Kept { 0 } else { self.steps }
     }
 
     /// A candidate as it is written.
     pub(super) fn exported(&self, candidate: &Candidate, n: &Normalised) -> Scene {
-        match self.surfacing {
-            Surfacing::VertexColors => colored(candidate, &n.light_asset).scene,
-            Surfacing::Maps | Surfacing::Kept => to_scene(candidate, &n.light_asset),
+        match self.appearance {
+            Appearance::VertexColors => colored(candidate, &n.light_asset).scene,
+            Appearance::Maps | Appearance::Kept => to_scene(candidate, &n.light_asset),
         }
     }
 
@@ -230,9 +230,9 @@ impl SimplifyOptions {
     }
 
     /// Where and how the fit keeps its state.
-    pub(crate) fn keeping(&self) -> Keeping {
+    pub(crate) fn keeping(&self) -> Checkpointing {
         let (checkpoint, resume, time_limit) = (self.checkpoint.clone(), self.resume, self.time_limit);
-        Keeping { checkpoint, resume, time_limit }
+        Checkpointing { checkpoint, resume, time_limit }
     }
 
     /// How the fit samples its candidate.
@@ -317,10 +317,10 @@ impl SimplifyOptions {
     /// Who draws the pictures of the report of an asset, why, and how many there are.
     pub fn judgement(&self, scene: &Scene) -> Judgement {
         let (judged, why) = self.judged(scene);
-        // Decimated, baked, wrapped where the fit starts from a decimated asset, fitted, and the file where that is something
+        // Decimated, baked, shrink-wrapped where the fit starts from a decimated asset, fitted, and the file where that is something
         // else.
         let starts = self.init.is_decimated() && self.effort.work().compares_starts;
-        let kept = self.surfacing == Surfacing::Kept;
+        let kept = self.appearance == Appearance::Kept;
         let stages = if kept { 1 } else { 4 + usize::from(starts) };
         let (side, spp) = (self.resolution.min(WIDEST_TRACED), self.judge_spp);
         let judgement = Judgement { judged, why, pictures: 0, at_most: false, side, spp };
@@ -374,7 +374,7 @@ impl SimplifyOptions {
                 self.fit_with == FitRenderer::Raster || self.reference.kind().indirect_light,
                 "needs path as the reference, too",
             ),
-            surfacing::check(self),
+            appearance::check(self),
             mips::check(self),
             locks::rule(
                 self,
@@ -404,7 +404,7 @@ impl SimplifyOptions {
     /// Whether the asset's own textures may be written. Its texture coordinates may show one texel in many places, which are
     /// not occluded alike.
     pub(super) fn keeps_textures(&self) -> bool {
-        let maps = self.surfacing == Surfacing::Maps;
+        let maps = self.appearance == Appearance::Maps;
         maps && self.own_textures && !matches!(self.occlusion, Occlusion::Rays(_))
     }
 
@@ -435,10 +435,10 @@ impl SimplifyOptions {
         Ok(Resolved { options, told })
     }
 
-    /// The budget that is meant: a share of the triangles of an asset never leaves fewer than [`FEWEST`] of them, or all
+    /// The budget that is meant: a share of the triangles of an asset never leaves fewer than [`MIN_TRIANGLES`] of them, or all
     /// that there are. Also says what a user should know about it.
     pub fn sane_target(&self, triangles: usize) -> (Target, Option<String>) {
-        let floor = FEWEST.min(triangles);
+        let floor = MIN_TRIANGLES.min(triangles);
         match self.target {
             Target::Ratio(r) if ((triangles as f64 * r) as usize) < floor => {
                 let meant = (triangles as f64 * r) as usize;
@@ -476,10 +476,10 @@ impl Resolved {
 const NOTHING_LACKS: &str = "all triangles stay: nothing is missing that a fit could make up for";
 
 /// Share of the triangles from which on a budget is mild: most bytes are those of textures then.
-pub const MILD: f64 = 0.25;
+pub const MILD_RATIO: f64 = 0.25;
 
 /// Fewest triangles that a share of an asset leaves.
-pub const FEWEST: usize = 64;
+pub const MIN_TRIANGLES: usize = 64;
 
 pub(super) fn rule(
     field: &'static str,
@@ -568,7 +568,7 @@ mod tests {
         let (target, told) = SimplifyOptions::default().sane_target(12);
         assert_eq!(target, Target::Triangles(12));
         assert!(told.is_some_and(|t| t.contains("12 triangles")), "all of a cube stays");
-        assert_eq!(SimplifyOptions::default().sane_target(1000).0, Target::Triangles(FEWEST));
+        assert_eq!(SimplifyOptions::default().sane_target(1000).0, Target::Triangles(MIN_TRIANGLES));
         assert_eq!(SimplifyOptions::default().sane_target(100_000), (Target::Ratio(0.03), None));
         let (target, told) = with(Target::Triangles(5)).sane_target(1000);
         assert!(target == Target::Triangles(5) && told.is_some(), "an explicit budget holds, with a warning");

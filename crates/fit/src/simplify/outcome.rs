@@ -1,6 +1,6 @@
 //! What a simplification gives back.
 
-use super::{Effort, FitPlan, Normalised, SimplifyOptions, Surfacing};
+use super::{Appearance, Effort, FitPlan, Normalised, SimplifyOptions};
 use crate::candidate::Candidate;
 use crate::engine::judge::{Judged, Quality, ReportView, WIDEST_TRACED, beyond_rasterizer};
 use crate::engine::surface::Surface;
@@ -37,7 +37,7 @@ pub struct Outcome {
     pub fit_stopped: bool,
     /// Names of the stages with their mean quality, in the order of [`ReportView::quality`]: `decimated` (fewer
     /// triangles, the asset's own materials; absent where the user stopped the work before the choice), the starts by their
-    /// [`Written::name`] (`baked`, absent where there is but one, `wrapped`, or `sphere`: a new atlas and maps from the asset,
+    /// [`Written::name`] (`baked`, absent where there is but one, `shrink-wrapped`, or `sphere`: a new atlas and maps from the asset,
     /// nothing is fitted), `fitted` (what was fitted;
     /// absent where no step was made, or the user stopped the work before the choice, and something else was written) and `file` (the written file, loaded again; absent
     /// where that is the fitted one). The last is the written file.
@@ -63,7 +63,7 @@ pub struct Outcome {
     /// What was written.
     pub written: Written,
     /// What it has in place of the asset's surface.
-    pub surfacing: Surfacing,
+    pub appearance: Appearance,
     /// Its textures: sizes and encodings.
     pub textures: String,
     /// The fitted asset in the normalised frame: the written one, unless that is [`Written::Decimated`] or
@@ -106,7 +106,7 @@ pub enum Written {
     Rebaked,
     /// The start that was decimated (from the asset, or from the level of detail before) and drawn onto the asset's surface:
     /// no fit looked better.
-    Wrapped,
+    ShrinkWrapped,
     /// The start that was a sphere, drawn onto the asset's surface: no fit looked better.
     Sphere,
     /// The decimated start with baked maps: no fit looked better.
@@ -121,14 +121,14 @@ pub enum Written {
 
 impl Written {
     /// What a fit can start from.
-    pub(crate) const STARTS: [Self; 3] = [Self::Baked, Self::Wrapped, Self::Sphere];
+    pub(crate) const STARTS: [Self; 3] = [Self::Baked, Self::ShrinkWrapped, Self::Sphere];
 
     /// In one word.
     pub fn name(self) -> &'static str {
         match self {
             Self::Fitted => "fitted",
             Self::Rebaked => "rebaked",
-            Self::Wrapped => "wrapped",
+            Self::ShrinkWrapped => "shrink-wrapped",
             Self::Sphere => "sphere",
             Self::Baked => "baked",
             Self::Decimated => "decimated",
@@ -140,7 +140,7 @@ impl Written {
     /// The shape of a start: of the asset, or of the level of detail before.
     pub(crate) fn start(self) -> &'static str {
         match self {
-            Self::Wrapped => "the decimated shape, drawn onto the asset's surface,",
+            Self::ShrinkWrapped => "the decimated shape, drawn onto the asset's surface,",
             Self::Sphere => "a sphere, drawn onto the asset's surface,",
             Self::Fitted | Self::Rebaked | Self::Baked | Self::Decimated | Self::Kept | Self::Whole => {
                 "the decimated shape"
@@ -244,7 +244,7 @@ impl Outcome {
             not_fitted: Vec::new(),
             file: PathBuf::new(),
             written: Written::Fitted,
-            surfacing: options.surfacing,
+            appearance: options.appearance,
             textures: String::new(),
             candidate: trained.model.candidate,
             resolution: options.resolution,
@@ -268,9 +268,9 @@ pub(super) fn tell_detail(candidate: &Candidate, n: &Normalised, progress: &dyn 
 }
 
 /// What of an asset is not in the written file, one line each.
-pub(super) fn left_out(scene: &Scene, light: &Scene, surfacing: Surfacing) -> Vec<String> {
+pub(super) fn left_out(scene: &Scene, light: &Scene, appearance: Appearance) -> Vec<String> {
     let bumps =
-        surfacing == Surfacing::VertexColors && scene.materials.iter().any(|m| m.normal_texture.is_some());
+        appearance == Appearance::VertexColors && scene.materials.iter().any(|m| m.normal_texture.is_some());
     let bumps = bumps.then(|| "normal maps: colours of vertices hold none".to_owned());
     lost_extensions(scene, light).into_iter().chain(scene.left_out(light)).chain(bumps).collect()
 }

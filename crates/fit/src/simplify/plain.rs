@@ -1,7 +1,7 @@
 //! The asset's own texture coordinates, textures and materials on fewer triangles: what a plain decimation gives.
 
 use super::byte_budget::{Shapes, bytes_without_textures, others};
-use super::options::MILD;
+use super::options::MILD_RATIO;
 use super::prepare::{decimated_only, importance};
 use super::{Asset, Normalised, SimplifyOptions, locks};
 use crate::bake::Occlusion;
@@ -175,7 +175,9 @@ pub(super) fn candidate(
 /// halves them as far as it needs, leaves them their texels, too.
 pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> Scene {
     let mut light = kept(stage, n, options);
-    if options.whole_textures && light.triangle_count() as f64 >= MILD * n.flat.mesh.triangles.len() as f64 {
+    if options.whole_textures
+        && light.triangle_count() as f64 >= MILD_RATIO * n.flat.mesh.triangles.len() as f64
+    {
         return light;
     }
     let most = match options.max_bytes {

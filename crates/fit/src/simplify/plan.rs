@@ -8,8 +8,9 @@ mod judgement;
 
 pub use judgement::Judgement;
 
-use super::{Surfacing, Written};
+use super::{Appearance, Written};
 use crate::bake::Occlusion;
+use crate::engine::judge::Certainty;
 use crate::engine::loss::PictureLoss;
 use crate::engine::plan::rows::{PhaseRow, Unseen};
 use crate::engine::plan::{Item, PlanRows, Runs, SurfacePlan, rows};
@@ -48,7 +49,7 @@ pub struct FitPlan {
     /// Where occlusion maps come from.
     occlusion: Option<Occlusion>,
     /// What the light asset has in place of the asset's surface.
-    surfacing: Option<Surfacing>,
+    appearance: Option<Appearance>,
     /// Smallest and largest picture that mip levels with texels of their own are fitted to, pixels.
     mips: Option<[usize; 2]>,
     /// Shares of pixels and of views that show the backs of single-sided surfaces.
@@ -73,8 +74,8 @@ struct Ended {
     reached: u64,
     /// By how many dB it was behind fewer triangles alone when it ended early for that.
     behind: Option<f64>,
-    /// Views in which what is written was chosen, and whether something else might have been better in more of them.
-    choice: Option<(u64, bool)>,
+    /// How sure the choice of what is written is.
+    choice: Option<Certainty>,
 }
 
 impl FitPlan {
@@ -89,7 +90,7 @@ impl FitPlan {
             judgement: None,
             device: None,
             occlusion: None,
-            surfacing: None,
+            appearance: None,
             mips: None,
             backs: None,
             outline: None,
@@ -140,7 +141,7 @@ impl FitPlan {
         Self { device, ..self }
     }
 
-    /// Adds where occlusion maps come from; it is told once [`Self::with_surfacing`] is known, too.
+    /// Adds where occlusion maps come from; it is told once [`Self::with_appearance`] is known, too.
     #[must_use]
     pub fn with_occlusion(self, occlusion: Occlusion) -> Self {
         Self { occlusion: Some(occlusion), ..self }
@@ -148,8 +149,8 @@ impl FitPlan {
 
     /// Adds what the light asset has in place of the asset's surface.
     #[must_use]
-    pub fn with_surfacing(self, surfacing: Surfacing) -> Self {
-        Self { surfacing: Some(surfacing), ..self }
+    pub fn with_appearance(self, appearance: Appearance) -> Self {
+        Self { appearance: Some(appearance), ..self }
     }
 
     /// Adds the sizes that mip levels with texels of their own are fitted to; nothing is told without.
@@ -207,9 +208,9 @@ impl FitPlan {
         Self { result: self.result.map(|r| Ended { behind, ..r }), ..self }
     }
 
-    /// Adds to the result in how many views it was chosen, and whether something else might have been better in more of them.
+    /// Adds to the result how sure its choice is.
     #[must_use]
-    pub(crate) fn with_choice(self, choice: Option<(u64, bool)>) -> Self {
+    pub(crate) fn with_choice(self, choice: Option<Certainty>) -> Self {
         Self { result: self.result.map(|r| Ended { choice, ..r }), ..self }
     }
 
@@ -228,20 +229,20 @@ impl FitPlan {
     /// passes and rates.
     pub fn items(&self) -> Vec<Item> {
         let mut items = Vec::new();
-        match self.surfacing {
-            None | Some(Surfacing::Maps) => {}
-            Some(Surfacing::Kept) => {
+        match self.appearance {
+            None | Some(Appearance::Maps) => {}
+            Some(Appearance::Kept) => {
                 let why =
                     "triangles alone are fewer; texture coordinates, materials and textures stay".to_owned();
                 items.push(Item::note("own surface", why));
             }
-            Some(Surfacing::VertexColors) => {
+            Some(Appearance::VertexColors) => {
                 let why = "fitted maps become colours of vertices and factors of materials; normal maps are left out".to_owned();
                 items.push(Item { what: "colours of vertices", runs: Runs::Yes, why });
             }
         }
-        if self.surfacing != Some(Surfacing::Kept) {
-            items.extend(self.result.map(|r| written(r, self.surfacing)));
+        if self.appearance != Some(Appearance::Kept) {
+            items.extend(self.result.map(|r| written(r, self.appearance)));
             let steps = self.choices.as_ref().zip(self.result).filter(|(c, _)| c.steps > 0);
             items.extend(steps.map(|(c, r)| rows::steps(r.steps, c.steps, r.behind)));
             let none = self.choices.as_ref().and_then(|c| c.why_none);
@@ -252,7 +253,7 @@ impl FitPlan {
                 None => self.asset.surface_items(self.steps(), &mut items),
             }
         }
-        let occlusion = self.occlusion.filter(|_| self.surfacing.is_some());
+        let occlusion = self.occlusion.filter(|_| self.appearance.is_some());
         self.asset.data_items(occlusion, self.surface(), &mut items);
         self.option_items(&mut items);
         items.extend(self.traced_maps.clone());
@@ -270,10 +271,10 @@ impl FitPlan {
 
     /// What the light asset has of the asset's surface, as far as it is known.
     fn surface(&self) -> LightSurface {
-        match (self.surfacing, self.result.map(|r| r.written)) {
-            (Some(Surfacing::Kept), _) => LightSurface::Own,
+        match (self.appearance, self.result.map(|r| r.written)) {
+            (Some(Appearance::Kept), _) => LightSurface::Own,
             (_, Some(written)) if written.has_own_surface() => LightSurface::Own,
-            (Some(Surfacing::VertexColors), _) => LightSurface::Colors,
+            (Some(Appearance::VertexColors), _) => LightSurface::Colors,
             (_, Some(_)) => LightSurface::New,
             (_, None) => LightSurface::Open,
         }
@@ -320,13 +321,13 @@ impl FitPlan {
 }
 
 /// The row of what is written.
-fn written(Ended { written, steps, choice, .. }: Ended, surfacing: Option<Surfacing>) -> Item {
-    let maps = surfacing.unwrap_or_default().in_words();
+fn written(Ended { written, steps, choice, .. }: Ended, appearance: Option<Appearance>) -> Item {
+    let maps = appearance.unwrap_or_default().in_words();
     let why = match written {
         Written::Fitted if steps == 0 => "what the fit was to start from".to_owned(),
         Written::Fitted => "what was fitted".to_owned(),
         Written::Rebaked => format!("the fitted shape, its {maps} baked anew"),
-        Written::Wrapped | Written::Baked | Written::Sphere => {
+        Written::ShrinkWrapped | Written::Baked | Written::Sphere => {
             format!("the start: {} with baked {maps}", written.start())
         }
         Written::Decimated => "the decimated asset with its own materials".to_owned(),
@@ -334,7 +335,7 @@ fn written(Ended { written, steps, choice, .. }: Ended, surfacing: Option<Surfac
         Written::Whole => "the asset as it was given: no other file took so few bytes".to_owned(),
     };
     let chosen = match choice {
-        Some((views, close)) => {
+        Some(Certainty { views, close }) => {
             let views = crate::report::counted(views as usize, "view");
             format!(
                 "; chosen in {views}{}",

@@ -444,8 +444,8 @@ fn glass_keeps_its_thickness_at_each_scale() {
     let transform = glam::Affine3A::from_translation(glam::Vec3::X * 4.0)
         * glam::Affine3A::from_scale(glam::Vec3::splat(2.0));
     scene.instances.push(Instance { primitive: 0, transform });
-    for surfacing in [Surfacing::Maps, Surfacing::Kept] {
-        let few = SimplifyOptions { steps: 0, judge_spp: 1, surfacing, ..options() };
+    for appearance in [Appearance::Maps, Appearance::Kept] {
+        let few = SimplifyOptions { steps: 0, judge_spp: 1, appearance, ..options() };
         let told = simplify(&scene, &path, &few, &Silent).unwrap();
         let plan = told.plan.to_string();
         assert!(!plan.contains("of 2 materials"), "the asset has one material: {plan}");
@@ -458,8 +458,8 @@ fn glass_keeps_its_thickness_at_each_scale() {
             assert_eq!(light.materials[p.material].name, "glass");
         }
         found.sort_by(|a, b| a.1.total_cmp(&b.1));
-        let [(false, small), (true, large)] = found[..] else { panic!("{surfacing:?}: {found:?}") };
-        assert!((small - 0.5).abs() < 1e-3 && (large - 1.0).abs() < 1e-3, "{surfacing:?}: {found:?}");
+        let [(false, small), (true, large)] = found[..] else { panic!("{appearance:?}: {found:?}") };
+        assert!((small - 0.5).abs() < 1e-3 && (large - 1.0).abs() < 1e-3, "{appearance:?}: {found:?}");
     }
 }
 
@@ -467,17 +467,17 @@ fn glass_keeps_its_thickness_at_each_scale() {
 fn an_asset_that_no_camera_sees_is_told() {
     let dir = tempfile::tempdir().unwrap();
     let clear = |alpha_mode| Material { base_color: [1.0, 1.0, 1.0, 0.0], alpha_mode, ..Material::clay() };
-    for surfacing in [Surfacing::Maps, Surfacing::Kept] {
+    for appearance in [Appearance::Maps, Appearance::Kept] {
         let told = |alpha_mode: AlphaMode| {
             let heard = Heard::default();
-            let few = SimplifyOptions { steps: 0, target: Target::Triangles(200), surfacing, ..options() };
+            let few = SimplifyOptions { steps: 0, target: Target::Triangles(200), appearance, ..options() };
             let scene = of(photofit_geometry::shapes::uv_sphere(24, 12), clear(alpha_mode));
             simplify(&scene, &dir.path().join("a.glb"), &few, &heard).unwrap();
             let told = heard.0.into_inner().unwrap();
             told.iter().filter(|t| t.contains("no camera sees anything")).count()
         };
-        assert_eq!(told(AlphaMode::Mask { cutoff: 0.5 }), 1, "{surfacing:?}");
-        assert_eq!(told(AlphaMode::Blend), 1, "{surfacing:?}");
-        assert_eq!(told(AlphaMode::Opaque), 0, "{surfacing:?}: alpha has no meaning there");
+        assert_eq!(told(AlphaMode::Mask { cutoff: 0.5 }), 1, "{appearance:?}");
+        assert_eq!(told(AlphaMode::Blend), 1, "{appearance:?}");
+        assert_eq!(told(AlphaMode::Opaque), 0, "{appearance:?}: alpha has no meaning there");
     }
 }

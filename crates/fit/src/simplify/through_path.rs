@@ -6,7 +6,7 @@ use crate::engine::chain::fit_after_another;
 use crate::engine::checkpoint;
 use crate::engine::plan::Item;
 use crate::engine::plan::rows::NO_STEPS;
-use crate::engine::trainer::Keeping;
+use crate::engine::trainer::Checkpointing;
 use crate::traced_maps::{MapsCourse, TracedMapsOptions, traced_maps};
 use photofit_scene::Scene;
 use std::time::Duration;
@@ -38,10 +38,10 @@ pub(super) fn begin(options: &SimplifyOptions, progress: &dyn Progress) {
 }
 
 /// Where the fit before this one keeps its state, and how long it may take: half of the time, where this one follows.
-pub(super) fn keeping_before(options: &SimplifyOptions) -> Keeping {
+pub(super) fn keeping_before(options: &SimplifyOptions) -> Checkpointing {
     let keeping = options.keeping();
     let share = if options.fit_with == FitRenderer::Path { 2 } else { 1 };
-    Keeping { time_limit: keeping.time_limit.map(|limit| limit / share), ..keeping }
+    Checkpointing { time_limit: keeping.time_limit.map(|limit| limit / share), ..keeping }
 }
 
 /// What comes, or came, of the fit.
@@ -153,7 +153,7 @@ fn fit_options(o: &SimplifyOptions, spent: Duration) -> TracedMapsOptions {
         new_map: Some(o.texture_size),
         lighting: o.lighting.clone(),
         seed: o.seed,
-        keeping: Keeping {
+        keeping: Checkpointing {
             checkpoint: o.checkpoint.as_ref().map(|folder| folder.join(TRACED_FOLDER)),
             resume: o.resume,
             time_limit: o.time_limit.map(|limit| limit.saturating_sub(spent)),

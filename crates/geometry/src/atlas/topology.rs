@@ -4,8 +4,7 @@ use super::AtlasError;
 use photofit_scalar::{Vec2, Vec3, Vec3f, vec2, vec3};
 use std::collections::HashMap;
 
-/// Marks an absent index.
-pub(super) const NONE: u32 = u32::MAX;
+pub(super) use crate::NONE;
 
 /// A triangle whose height is below this fraction of its longest edge counts as degenerate.
 const DEGENERATE_HEIGHT: f64 = 1e-6;

@@ -29,7 +29,7 @@ const SWEEPS: usize = 2;
 const NEAR: usize = 64;
 /// Samples per output triangle, and the bounds of their number.
 const DENSITY: usize = 24;
-const FEWEST: usize = 4_000;
+const MIN_SAMPLES: usize = 4_000;
 const MOST: usize = 250_000;
 
 /// A point of the input surface and its place on the output surface.
@@ -95,7 +95,7 @@ pub(super) fn nearest(p: DVec3, [a, b, c]: [DVec3; 3]) -> DVec3 {
 
 /// Stratified samples by weighted area, with the output triangle of the nearest merged vertex to start from.
 fn samples(engine: &mut Engine<'_>, original: &Original) -> Vec<Sample> {
-    let count = (engine.topology.live * DENSITY).clamp(FEWEST, MOST);
+    let count = (engine.topology.live * DENSITY).clamp(MIN_SAMPLES, MOST);
     let corners = |t: usize| original.triangles[t].map(|i| original.positions[i as usize]);
     let area = |t: usize| {
         let [a, b, c] = corners(t);
@@ -142,6 +142,12 @@ fn samples(engine: &mut Engine<'_>, original: &Original) -> Vec<Sample> {
     out
 }
 
+/// Moves samples to the nearest place on the surface as it is now.
+fn place_all(engine: &Engine<'_>, samples: &mut [Sample]) {
+    let (topology, positions) = (&engine.topology, &engine.positions);
+    samples.par_iter_mut().with_min_len(1 << 12).for_each(|s| place(topology, positions, s));
+}
+
 /// Refines; the engine has finished its collapses. `report` hears the finished share.
 pub(super) fn refine(
     engine: &mut Engine<'_>,
@@ -169,8 +175,7 @@ pub(super) fn refine(
         if report(round as f32 / rounds as f32).is_break() {
             return Err(DecimateError::Stopped);
         }
-        let (topology, positions) = (&engine.topology, &engine.positions);
-        samples.par_iter_mut().with_min_len(1 << 12).for_each(|s| place(topology, positions, s));
+        place_all(engine, &mut samples);
         samples.sort_by_key(|s| slot[s.triangle as usize]);
         let mut start = vec![0_usize; live.len() + 1];
         for s in &samples {
@@ -193,8 +198,7 @@ pub(super) fn refine(
         }
     }
     if original.attributes.is_some() {
-        let (topology, positions) = (&engine.topology, &engine.positions);
-        samples.par_iter_mut().with_min_len(1 << 12).for_each(|s| place(topology, positions, s));
+        place_all(engine, &mut samples);
         refit(engine, original, &samples);
     }
     Ok(())

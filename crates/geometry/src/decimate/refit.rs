@@ -8,11 +8,12 @@ use super::engine::Engine;
 use super::refine::{Original, Sample};
 use super::topology::NONE;
 use super::wedge::Wedges;
+use crate::VertexFit;
 use std::ops::Range;
 
 /// Weight of the present value of a wedge against its samples, in shares of the mean of what samples weigh at a wedge.
 const MEMORY: f64 = 0.02;
-/// Conjugate gradient steps at most, and the share of the residual that ends them.
+/// Conjugate gradient steps at most, and the share of the right side at which the residual ends them.
 const STEPS: usize = 40;
 const ENOUGH: f64 = 1e-5;
 /// Cosine between normals of a sample and of its place below which they belong to two sides of an edge.
@@ -44,57 +45,43 @@ impl Attributes {
     }
 }
 
-/// What one solve works on: samples with their three wedges, numbered among those that may change, or [`NONE`].
-struct System<'a> {
-    terms: Vec<(&'a Sample, [u32; 3])>,
-    /// Weight of the present value of each unknown.
-    memory: f64,
-    unknowns: usize,
-}
-
 /// Fits the attributes of all wedges but those of vertices that stay; texture coordinates of seams keep theirs. `samples` are in place.
 pub(super) fn refit(engine: &mut Engine<'_>, original: &Original, samples: &[Sample]) {
     let Some(input) = &original.attributes else { return };
     let Some(mut wedges) = engine.wedges.take() else { return };
-    let (alone, free) = free(engine, &wedges);
+    let count = wedges.values.len() / wedges.width;
+    let of_vertices = of_vertices(engine, &wedges);
+    let (mut alone, mut free) = (vec![false; count], vec![false; count]);
+    for same in of_vertices.chunk_by(|a, b| a.0 == b.0).filter(|same| !engine.fixed[same[0].0 as usize]) {
+        same.iter().for_each(|(_, w)| free[*w as usize] = true);
+        alone[same[0].1 as usize] = same.len() == 1;
+    }
     for (block, coordinates) in wedges.blocks() {
-        let free = if coordinates { &alone } else { &free };
         let terms = terms(engine, &wedges, input, samples, &block, coordinates);
-        let first = alike(engine, &wedges, &block);
-        fit(&mut wedges, input, &terms, (free, &first), &block);
+        let own: Vec<u32> = (0..count as u32).collect();
+        if coordinates {
+            fit(&mut wedges, input, &terms, (&alone, &own), &block);
+        } else {
+            let first = alike(&of_vertices, &wedges, &block, own);
+            fit(&mut wedges, input, &terms, (&free, &first), &block);
+        }
     }
     engine.wedges = Some(wedges);
 }
 
-/// Wedges that are the only one of a vertex which may change, and all wedges of such vertices.
-fn free(engine: &Engine<'_>, wedges: &Wedges) -> (Vec<bool>, Vec<bool>) {
-    let count = wedges.values.len() / wedges.width;
-    let mut only = vec![NONE; engine.positions.len()];
-    let (mut alone, mut free) = (vec![false; count], vec![false; count]);
-    let mut shared = vec![false; engine.positions.len()];
-    let live = || (0..engine.topology.triangles.len()).filter(|t| engine.topology.is_live(*t as u32));
-    let corners = || live().flat_map(|t| (0..3).map(move |k| (t, k)));
-    let of = |(t, k): (usize, usize)| (engine.topology.triangles[t][k] as usize, wedges.corners[t][k]);
-    for (v, w) in corners().map(of) {
-        shared[v] |= only[v] != NONE && only[v] != w;
-        only[v] = w;
-    }
-    for (v, w) in corners().map(of) {
-        free[w as usize] = !engine.fixed[v];
-        alone[w as usize] = !engine.fixed[v] && !shared[v];
-    }
-    (alone, free)
+/// Each vertex with each of its wedges, sorted.
+fn of_vertices(engine: &Engine<'_>, wedges: &Wedges) -> Vec<(u32, u32)> {
+    let live = (0..engine.topology.triangles.len()).filter(|t| engine.topology.is_live(*t as u32));
+    let corners = live.flat_map(|t| (0..3).map(move |k| (t, k)));
+    let mut out: Vec<(u32, u32)> =
+        corners.map(|(t, k)| (engine.topology.triangles[t][k], wedges.corners[t][k])).collect();
+    out.sort_unstable();
+    out.dedup();
+    out
 }
 
-/// The first of the wedges of a vertex that are alike, for each wedge.
-fn alike(engine: &Engine<'_>, wedges: &Wedges, block: &Range<usize>) -> Vec<u32> {
-    let mut first: Vec<u32> = (0..(wedges.values.len() / wedges.width) as u32).collect();
-    let mut of_vertex: Vec<(u32, u32)> = Vec::new();
-    for t in (0..engine.topology.triangles.len()).filter(|t| engine.topology.is_live(*t as u32)) {
-        of_vertex.extend((0..3).map(|k| (engine.topology.triangles[t][k], wedges.corners[t][k])));
-    }
-    of_vertex.sort_unstable();
-    of_vertex.dedup();
+/// The first of the wedges of a vertex that are alike, for each wedge: `first` tells each its own.
+fn alike(of_vertices: &[(u32, u32)], wedges: &Wedges, block: &Range<usize>, mut first: Vec<u32>) -> Vec<u32> {
     let are_alike = |a: u32, b: u32| {
         let [mut away, mut length] = [0.0; 2];
         for j in block.clone() {
@@ -103,7 +90,7 @@ fn alike(engine: &Engine<'_>, wedges: &Wedges, block: &Range<usize>) -> Vec<u32>
         }
         away < ALIKE * length
     };
-    for same in of_vertex.chunk_by(|a, b| a.0 == b.0) {
+    for same in of_vertices.chunk_by(|a, b| a.0 == b.0) {
         for (k, (_, wedge)) in same.iter().enumerate() {
             let before = same[..k].iter().map(|(_, w)| first[*w as usize]);
             first[*wedge as usize] = before.into_iter().find(|w| are_alike(*w, *wedge)).unwrap_or(*wedge);
@@ -174,70 +161,31 @@ fn fit(
     }
     let number = |w: u32| if free[w as usize] { number[first[w as usize] as usize] } else { NONE };
     let weight: f64 = terms.iter().map(|(s, _)| s.weight * s.at.length_squared()).sum();
-    let system = System {
-        terms: terms.iter().map(|(s, w)| (*s, w.map(number))).collect(),
-        memory: (MEMORY * weight / f64::from(unknowns)).max(LEAST_MEMORY * terms[0].0.weight),
-        unknowns: unknowns as usize,
-    };
+    let memory = (MEMORY * weight / f64::from(unknowns)).max(LEAST_MEMORY * terms[0].0.weight);
+    // Triangles with samples, numbered as they come.
+    let (mut slot, mut corners) = (vec![NONE; wedges.corners.len()], Vec::new());
+    for (s, place) in terms {
+        let slot = &mut slot[s.triangle as usize];
+        if *slot == NONE {
+            *slot = corners.len() as u32;
+            corners.push(place.map(number));
+        }
+    }
+    let slot = |s: &Sample| slot[s.triangle as usize] as usize;
+    let mut system = VertexFit::new(corners, unknowns as usize);
+    (0..unknowns as usize).for_each(|n| system.hold(n, memory));
+    for (s, _) in terms {
+        system.add(slot(s), s.at.to_array(), s.weight);
+    }
     for j in block.clone() {
-        let residual = |s: &Sample, place: &[u32; 3]| {
-            input.at(s, j) - (0..3).map(|k| s.at[k] * wedges.value(place[k], j)).sum::<f64>()
-        };
-        let residuals: Vec<f64> = terms.iter().map(|(s, place)| residual(s, place)).collect();
-        let change = system.solve(&residuals);
+        let mut right = vec![0.0; unknowns as usize];
+        for (s, place) in terms {
+            let residual = input.at(s, j) - (0..3).map(|k| s.at[k] * wedges.value(place[k], j)).sum::<f64>();
+            system.spread(&mut right, slot(s), s.at.to_array(), s.weight * residual);
+        }
+        let change = system.solve(&right, STEPS, ENOUGH);
         for w in (0..first.len() as u32).filter(|w| number(*w) != NONE) {
             wedges.change(w, j, change[number(w) as usize]);
-        }
-    }
-}
-
-impl System<'_> {
-    /// The change of the unknowns that makes up for the residuals of the terms, by conjugate gradients.
-    fn solve(&self, residuals: &[f64]) -> Vec<f64> {
-        let mut x = vec![0.0; self.unknowns];
-        let mut r = vec![0.0; self.unknowns];
-        let mut diagonal = vec![self.memory; self.unknowns];
-        for ((s, place), residual) in self.terms.iter().zip(residuals) {
-            for (k, n) in place.iter().enumerate().filter(|(_, n)| **n != NONE) {
-                r[*n as usize] += s.weight * s.at[k] * residual;
-                diagonal[*n as usize] += s.weight * s.at[k] * s.at[k];
-            }
-        }
-        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let scaled = |r: &[f64]| r.iter().zip(&diagonal).map(|(r, d)| r / d).collect::<Vec<f64>>();
-        let mut z = scaled(&r);
-        let mut p = z.clone();
-        let mut energy = dot(&r, &z);
-        let least = ENOUGH * ENOUGH * energy;
-        let mut image = vec![0.0; self.unknowns];
-        for _ in 0..STEPS {
-            if energy <= least || energy <= f64::MIN_POSITIVE {
-                break;
-            }
-            self.apply(&p, &mut image);
-            let step = energy / dot(&p, &image);
-            for i in 0..self.unknowns {
-                x[i] += step * p[i];
-                r[i] -= step * image[i];
-            }
-            z = scaled(&r);
-            let next = dot(&r, &z);
-            let ratio = next / energy;
-            p.iter_mut().zip(&z).for_each(|(p, z)| *p = z + ratio * *p);
-            energy = next;
-        }
-        x
-    }
-
-    /// The matrix of the normal equations times `x`.
-    fn apply(&self, x: &[f64], out: &mut [f64]) {
-        out.iter_mut().zip(x).for_each(|(o, x)| *o = self.memory * x);
-        for (s, place) in &self.terms {
-            let of = |n: u32| if n == NONE { 0.0 } else { x[n as usize] };
-            let sum = s.weight * (0..3).map(|k| s.at[k] * of(place[k])).sum::<f64>();
-            for (k, n) in place.iter().enumerate().filter(|(_, n)| **n != NONE) {
-                out[*n as usize] += s.at[k] * sum;
-            }
         }
     }
 }

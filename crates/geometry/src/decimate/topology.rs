@@ -1,7 +1,6 @@
 //! Triangles around vertices as linked lists of corners; any soup is representable.
 
-/// No corner, no vertex.
-pub(super) const NONE: u32 = u32::MAX;
+pub(super) use crate::NONE;
 
 /// Triangles that can die, with the corners of each vertex in a singly linked list.
 #[derive(Debug)]

@@ -1,6 +1,6 @@
 //! Curvature along one direction, and the Hessian times a vector.
 
-use super::estimate::{Estimator, Pattern, Tuple, norm, stratum};
+use super::estimate::{Estimator, Pattern, Stencil, norm, stratum};
 use super::hessian::{along_axis, second_difference};
 use super::kernel::{GRADIENT_WEIGHT, HESSIAN_WEIGHT, gradient_quantile, hessian_quantile};
 use super::noise::Noise;
@@ -11,7 +11,7 @@ pub(crate) fn set_along(z: &mut [f64], axis: &[f64], at: f64) {
     z.iter_mut().zip(axis).for_each(|(z, a)| *z += (at - before) * a);
 }
 
-/// `d^T H d` by a one-dimensional kernel along `d`, with jitter perpendicular to it that the tuple shares. Its variance
+/// `d^T H d` by a one-dimensional kernel along `d`, with jitter perpendicular to it that the stencil shares. Its variance
 /// does not depend on the dimension.
 #[derive(Clone, Debug)]
 pub(crate) struct Curvature {
@@ -30,13 +30,13 @@ impl Pattern for Curvature {
     }
 
     fn points(&self) -> usize {
-        along_axis(self.estimator.tuple, 0.5).1
+        along_axis(self.estimator.stencil, 0.5).1
     }
 
     fn place(&self, group: usize, noise: &mut Noise, t: &mut [f64]) {
-        let Estimator { samples, stratified, tuple, .. } = self.estimator;
+        let Estimator { samples, stratified, stencil, .. } = self.estimator;
         let n = self.axis.len();
-        let (places, _) = along_axis(tuple, stratum(noise, group, samples, stratified));
+        let (places, _) = along_axis(stencil, stratum(noise, group, samples, stratified));
         let (first, rest) = t.split_at_mut(n);
         noise.fill_normal(first);
         set_along(first, &self.axis, 0.0);
@@ -83,19 +83,19 @@ impl Pattern for Product {
     }
 
     fn points(&self) -> usize {
-        match self.estimator.tuple {
-            Tuple::Plain => 1,
-            Tuple::Antithetic => 2,
-            Tuple::Four => 4,
+        match self.estimator.stencil {
+            Stencil::Plain => 1,
+            Stencil::Antithetic => 2,
+            Stencil::FourPoint => 4,
         }
     }
 
     fn centred(&self) -> bool {
-        self.estimator.tuple != Tuple::Plain
+        self.estimator.stencil != Stencil::Plain
     }
 
     fn place(&self, group: usize, noise: &mut Noise, t: &mut [f64]) {
-        let Estimator { samples, stratified, tuple, .. } = self.estimator;
+        let Estimator { samples, stratified, stencil, .. } = self.estimator;
         let n = self.axis.len();
         let u = 2.0 * stratum(noise, group, samples, stratified);
         let s = if u < 1.0 { hessian_quantile(u) } else { gradient_quantile(u - 1.0) };
@@ -104,10 +104,10 @@ impl Pattern for Product {
         // The four signs of the parts along and across: their odd-odd part is what the product needs off its axis.
         set_along(first, &self.axis, 0.0);
         rest.chunks_exact_mut(n).for_each(|point| point.copy_from_slice(first));
-        let signs: &[[f64; 2]] = match tuple {
-            Tuple::Plain => &[[1.0, 1.0]],
-            Tuple::Antithetic => &[[1.0, 1.0], [-1.0, -1.0]],
-            Tuple::Four => &[[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]],
+        let signs: &[[f64; 2]] = match stencil {
+            Stencil::Plain => &[[1.0, 1.0]],
+            Stencil::Antithetic => &[[1.0, 1.0], [-1.0, -1.0]],
+            Stencil::FourPoint => &[[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]],
         };
         for (point, [along, across]) in t.chunks_exact_mut(n).zip(signs) {
             point.iter_mut().zip(&self.axis).for_each(|(t, a)| *t = across * *t + along * s * a);

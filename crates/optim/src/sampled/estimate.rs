@@ -218,7 +218,7 @@ pub struct Estimator {
     /// Groups of samples: per parameter (or per entry of the Hessian) for [`Kernel::Coordinates`], in all otherwise.
     pub samples: usize,
     /// Points of a group.
-    pub tuple: Tuple,
+    pub stencil: Stencil,
     /// The density.
     pub kernel: Kernel,
     /// Whether the first random number of the groups is stratified: one in each of `samples` equal parts.
@@ -227,13 +227,13 @@ pub struct Estimator {
 
 impl Default for Estimator {
     fn default() -> Self {
-        Self { samples: 2, tuple: Tuple::Antithetic, kernel: Kernel::Coordinates, stratified: true }
+        Self { samples: 2, stencil: Stencil::Antithetic, kernel: Kernel::Coordinates, stratified: true }
     }
 }
 
 /// Points that are evaluated together, so that what is known to cancel does cancel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Tuple {
+pub enum Stencil {
     /// Single points. For comparison: constants do not cancel.
     Plain,
     /// Pairs `{xi, 1 - xi}`, mirrored at the centre. For the gradient, even parts of the function cancel. For a Hessian
@@ -242,7 +242,7 @@ pub enum Tuple {
     /// `{xi, 1/2 - xi, 1/2 + xi, 1 - xi}`: for the Hessian two points in the outer lobes and two in the inner, so that
     /// constant and linear parts cancel exactly; for the gradient two pairs of which one lies far where the other lies
     /// near. Off the diagonal the four quadrants.
-    Four,
+    FourPoint,
 }
 
 /// The density from which samples are drawn.

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::estimate::{Estimator, Kernel, Pattern, Tuple, stratum};
+use super::estimate::{Estimator, Kernel, Pattern, Stencil, stratum};
 use super::kernel::{GRADIENT_WEIGHT, gradient_magnitude, gradient_quantile};
 use super::noise::Noise;
 
@@ -15,10 +15,10 @@ pub(crate) struct Gradient {
 
 impl Gradient {
     fn size(&self) -> usize {
-        match self.estimator.tuple {
-            Tuple::Plain => 1,
-            Tuple::Antithetic => 2,
-            Tuple::Four => 4,
+        match self.estimator.stencil {
+            Stencil::Plain => 1,
+            Stencil::Antithetic => 2,
+            Stencil::FourPoint => 4,
         }
     }
 
@@ -72,7 +72,7 @@ impl Pattern for Gradient {
         let score = self.estimator.kernel == Kernel::Score;
         let n = self.dimension;
         noise.fill_normal(&mut t[..n]);
-        if self.estimator.tuple == Tuple::Plain {
+        if self.estimator.stencil == Stencil::Plain {
             t[k] = if score { t[k] } else { gradient_quantile(xi) };
             return;
         }
@@ -85,7 +85,7 @@ impl Pattern for Gradient {
                 noise.fill_normal(&mut second[..n]);
             }
         }
-        // Magnitudes of {xi, 1 - xi} and, in a 4-tuple, {1/2 - xi, 1/2 + xi}.
+        // Magnitudes of {xi, 1 - xi} and, in a 4-point stencil, {1/2 - xi, 1/2 + xi}.
         for (pair, y) in [(first, xi), (second, 1.0 - xi)] {
             if pair.is_empty() {
                 break;

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::estimate::{Estimator, Kernel, Pattern, Tuple, stratum};
+use super::estimate::{Estimator, Kernel, Pattern, Stencil, stratum};
 use super::gradient::split;
 use super::kernel::{
     GRADIENT_WEIGHT, HESSIAN_WEIGHT, OFF_DIAGONAL_WEIGHT, gradient_magnitude, gradient_quantile,
@@ -20,22 +20,22 @@ pub(crate) struct Entries {
 }
 
 /// Points of a group for one entry.
-fn size(tuple: Tuple) -> usize {
-    match tuple {
-        Tuple::Plain => 1,
-        Tuple::Antithetic => 2,
-        Tuple::Four => 4,
+fn size(stencil: Stencil) -> usize {
+    match stencil {
+        Stencil::Plain => 1,
+        Stencil::Antithetic => 2,
+        Stencil::FourPoint => 4,
     }
 }
 
 /// The coordinates `t` of the points of a group along one axis, for the second derivative.
 ///
-/// The 4-tuple consists of both outer and both inner points; a pair is `{xi, 1 - xi}`, in one lobe.
-pub(crate) fn along_axis(tuple: Tuple, xi: f64) -> ([f64; 4], usize) {
-    match tuple {
-        Tuple::Plain => ([hessian_quantile(xi), 0.0, 0.0, 0.0], 1),
-        Tuple::Antithetic => ([hessian_quantile(xi), -hessian_quantile(xi), 0.0, 0.0], 2),
-        Tuple::Four => {
+/// The 4-point stencil consists of both outer and both inner points; a pair is `{xi, 1 - xi}`, in one lobe.
+pub(crate) fn along_axis(stencil: Stencil, xi: f64) -> ([f64; 4], usize) {
+    match stencil {
+        Stencil::Plain => ([hessian_quantile(xi), 0.0, 0.0, 0.0], 1),
+        Stencil::Antithetic => ([hessian_quantile(xi), -hessian_quantile(xi), 0.0, 0.0], 2),
+        Stencil::FourPoint => {
             let (outer, inner) = (hessian_outer(xi), hessian_inner(xi));
             ([-outer, -inner, inner, outer], 4)
         }
@@ -69,11 +69,11 @@ impl Pattern for Entries {
     }
 
     fn points(&self) -> usize {
-        size(self.estimator.tuple)
+        size(self.estimator.stencil)
     }
 
     fn place(&self, group: usize, noise: &mut Noise, t: &mut [f64]) {
-        let Estimator { samples, stratified, tuple, .. } = self.estimator;
+        let Estimator { samples, stratified, stencil, .. } = self.estimator;
         let [i, j] = self.list[group / samples];
         let n = self.dimension;
         let xi = stratum(noise, group % samples, samples, stratified);
@@ -83,13 +83,13 @@ impl Pattern for Entries {
         noise.fill_normal(first);
         rest.chunks_exact_mut(n).for_each(|point| point.copy_from_slice(first));
         if i == j {
-            let (places, _) = along_axis(tuple, xi);
+            let (places, _) = along_axis(stencil, xi);
             t.chunks_exact_mut(n).zip(places).for_each(|(point, at)| point[i] = at);
             return;
         }
-        let (a, b) = match tuple {
-            Tuple::Plain | Tuple::Antithetic => (gradient_quantile(xi), gradient_quantile(other)),
-            Tuple::Four => (gradient_magnitude(xi), gradient_magnitude(other)),
+        let (a, b) = match stencil {
+            Stencil::Plain | Stencil::Antithetic => (gradient_quantile(xi), gradient_quantile(other)),
+            Stencil::FourPoint => (gradient_magnitude(xi), gradient_magnitude(other)),
         };
         let signs = [[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]];
         for (point, [x, y]) in t.chunks_exact_mut(n).zip(signs) {
@@ -163,21 +163,21 @@ impl Pattern for Aggregate {
     }
 
     fn points(&self) -> usize {
-        size(self.estimator.tuple)
+        size(self.estimator.stencil)
     }
 
     fn centred(&self) -> bool {
-        self.estimator.tuple != Tuple::Plain
+        self.estimator.stencil != Stencil::Plain
     }
 
     fn place(&self, group: usize, noise: &mut Noise, t: &mut [f64]) {
         let n = self.dimension;
-        let Estimator { samples, stratified, tuple, kernel } = self.estimator;
+        let Estimator { samples, stratified, stencil, kernel } = self.estimator;
         let (entry, xi) = split(stratum(noise, group, samples, stratified), n * n);
         let (i, j) = (entry / n, entry % n);
         let other = noise.uniform();
-        let four = tuple == Tuple::Four;
-        // Pairs of mirrored points; the second pair of a 4-tuple has the other lobe, or the other two quadrants.
+        let four = stencil == Stencil::FourPoint;
+        // Pairs of mirrored points; the second pair of a 4-point stencil has the other lobe, or the other two quadrants.
         for (p, pair) in t.chunks_mut(2 * n).enumerate() {
             let (plus, minus) = pair.split_at_mut(n);
             noise.fill_normal(plus);

@@ -6,7 +6,7 @@
 //! and the curvature `d^T H d` along one direction, whose variance does not grow with the number of parameters.
 //! [`minimize`] uses them.
 //!
-//! What makes the estimates usable is what cancels: values are taken in groups ([`Tuple`]) that see the same noise, so
+//! What makes the estimates usable is what cancels: values are taken in groups ([`Stencil`]) that see the same noise, so
 //! that constant parts (and linear ones, for Hessians) leave no trace. See [`Estimator`].
 //!
 //! - A loss smoothed as it is: [`SmoothedLoss`]. A loss of an image, with the loss or the image smoothed:
@@ -41,7 +41,7 @@ mod objective;
 
 pub use black_box::{Batch, BlackBox, Parallel, Serial, parallel, serial};
 pub use error::SampledError;
-pub use estimate::{Estimate, Estimator, Kernel, Tuple};
+pub use estimate::{Estimate, Estimator, Kernel, Stencil};
 pub use grey_box::{GreyBox, WhiteBox};
 pub use image::{ImageLoss, RenderedLoss, Renderer, Smoothing, SquaredError};
 pub use minimize::{

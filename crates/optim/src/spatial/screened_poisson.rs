@@ -3,13 +3,10 @@
 use super::grid::Grid;
 use super::{Guidance, SpatialFilter};
 use crate::error::OptimError;
+use photofit_fft::Cosine;
 use photofit_scalar::Real;
 use rayon::prelude::*;
-use realfft::num_complex::Complex64;
-use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 use std::f64::consts::PI;
-use std::fmt;
-use std::sync::Arc;
 
 /// Lines that are gathered together, neighbours in memory.
 const LINES: usize = 16;
@@ -36,7 +33,7 @@ const LINES: usize = 16;
 pub struct ScreenedPoisson {
     grid: Grid,
     /// Axes longer than one, with their transforms.
-    axes: Vec<Cosine>,
+    axes: Vec<Axis>,
     lambda: f64,
     planes: [Vec<f64>; 2],
 }
@@ -51,9 +48,7 @@ impl ScreenedPoisson {
         OptimError::setting(group, "lambda", lambda, "finite and not negative", good)?;
         let count = grid.sites();
         OptimError::setting(group, "number of sites", count as f64, "below 2^40", count < 1 << 40)?;
-        let mut planner = RealFftPlanner::new();
-        let axes =
-            grid.shape().into_iter().filter(|n| *n > 1).map(|n| Cosine::new(&mut planner, n)).collect();
+        let axes = grid.shape().into_iter().filter(|n| *n > 1).map(Axis::new).collect();
         Ok(Self { grid, axes, lambda, planes: Default::default() })
     }
 
@@ -66,7 +61,7 @@ impl ScreenedPoisson {
         for axis in 0..self.axes.len() {
             sweep(data, other, &self.axes, &mut order, axis, false);
         }
-        let axes: Vec<&Cosine> = order.iter().map(|a| &self.axes[*a]).collect();
+        let axes: Vec<&Axis> = order.iter().map(|a| &self.axes[*a]).collect();
         let norm: f64 = axes.iter().map(|a| 1.0 / a.n as f64).product();
         if let [front, rest @ ..] = &axes[..] {
             data.par_chunks_mut(front.n).enumerate().for_each(|(r, row)| {
@@ -90,13 +85,13 @@ impl ScreenedPoisson {
 fn sweep(
     data: &mut Vec<f64>,
     other: &mut Vec<f64>,
-    axes: &[Cosine],
+    axes: &[Axis],
     order: &mut Vec<usize>,
     axis: usize,
     inverse: bool,
 ) {
-    let cosine = &axes[axis];
-    let n = cosine.n;
+    let Axis { n, cosine, .. } = &axes[axis];
+    let n = *n;
     let faster: usize = order.iter().take_while(|a| **a != axis).map(|a| axes[*a].n).product();
     other.par_chunks_mut(n * LINES).enumerate().for_each_init(
         || cosine.buffers(),
@@ -123,85 +118,20 @@ fn sweep(
     order.insert(0, axis);
 }
 
-/// The type-2 cosine transform of one length and its inverse, by a real Fourier transform of that length (Makhoul 1980).
-struct Cosine {
+/// An axis of the grid.
+#[derive(Debug)]
+struct Axis {
     n: usize,
-    forward: Arc<dyn RealToComplex<f64>>,
-    inverse: Arc<dyn ComplexToReal<f64>>,
-    /// `exp(-i pi k / 2n)`.
-    turns: Vec<Complex64>,
+    cosine: Cosine<f64>,
     /// `2 - 2 cos(pi k / n)`.
     eigenvalues: Vec<f64>,
 }
 
-/// Working memory of one thread.
-struct Buffers {
-    real: Vec<f64>,
-    spectrum: Vec<Complex64>,
-    scratch: [Vec<Complex64>; 2],
-}
-
-impl fmt::Debug for Cosine {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Cosine").field("n", &self.n).finish_non_exhaustive()
-    }
-}
-
-impl Cosine {
-    fn new(planner: &mut RealFftPlanner<f64>, n: usize) -> Self {
-        let angle = |k: usize| PI * k as f64 / n as f64;
-        Self {
-            n,
-            forward: planner.plan_fft_forward(n),
-            inverse: planner.plan_fft_inverse(n),
-            turns: (0..=n / 2).map(|k| Complex64::from_polar(1.0, -0.5 * angle(k))).collect(),
-            // 4 sin^2 keeps the small ones accurate.
-            eigenvalues: (0..n).map(|k| 4.0 * (0.5 * angle(k)).sin().powi(2)).collect(),
-        }
-    }
-
-    fn buffers(&self) -> Buffers {
-        Buffers {
-            real: self.forward.make_input_vec(),
-            spectrum: self.forward.make_output_vec(),
-            scratch: [self.forward.make_scratch_vec(), self.inverse.make_scratch_vec()],
-        }
-    }
-
-    /// `X_k = sum_j x_j cos(pi (2 j + 1) k / 2n)`.
-    fn forward(&self, line: &mut [f64], buffers: &mut Buffers) {
-        let Buffers { real, spectrum, scratch: [scratch, _] } = buffers;
-        let n = self.n;
-        for (j, x) in line.iter().enumerate() {
-            real[if j % 2 == 0 { j / 2 } else { n - 1 - j / 2 }] = *x;
-        }
-        let done = self.forward.process_with_scratch(real, spectrum, scratch);
-        debug_assert!(done.is_ok(), "buffers are of the planned lengths");
-        for (k, (v, turn)) in spectrum.iter().zip(&self.turns).enumerate() {
-            let turned = v * turn;
-            if k > 0 {
-                line[n - k] = -turned.im;
-            }
-            line[k] = turned.re;
-        }
-    }
-
-    /// Inverse of [`Self::forward`], times `n`.
-    fn inverse(&self, line: &mut [f64], buffers: &mut Buffers) {
-        let Buffers { real, spectrum, scratch: [_, scratch] } = buffers;
-        let n = self.n;
-        spectrum[0] = Complex64::new(line[0], 0.0);
-        for k in 1..=n / 2 {
-            spectrum[k] = Complex64::new(line[k], -line[n - k]) * self.turns[k].conj();
-        }
-        if n.is_multiple_of(2) {
-            spectrum[n / 2].im = 0.0;
-        }
-        let done = self.inverse.process_with_scratch(spectrum, real, scratch);
-        debug_assert!(done.is_ok(), "buffers are of the planned lengths");
-        for (j, x) in line.iter_mut().enumerate() {
-            *x = real[if j % 2 == 0 { j / 2 } else { n - 1 - j / 2 }];
-        }
+impl Axis {
+    fn new(n: usize) -> Self {
+        // 4 sin^2 keeps the small ones accurate.
+        let eigenvalue = |k: usize| 4.0 * (0.5 * (PI * k as f64 / n as f64)).sin().powi(2);
+        Self { n, cosine: Cosine::new(n), eigenvalues: (0..n).map(eigenvalue).collect() }
     }
 }
 

@@ -5,7 +5,7 @@ mod first;
 pub(crate) mod medium;
 pub(crate) mod path;
 mod sink;
-pub(crate) mod teaching;
+pub(crate) mod uniform;
 mod visibility;
 
 pub use sink::{

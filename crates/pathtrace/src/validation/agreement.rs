@@ -45,7 +45,7 @@ fn all_agree(name: &str, world: impl Fn(bool) -> World, view: &View, depth: u32,
     let others = [
         ("light sampling", run(&plain, Strategy::Light, Integrator::Path, 2, 2 * spp), 2 * spp),
         ("BSDF sampling", run(&plain, Strategy::Bsdf, Integrator::Path, 3, 8 * spp), 8 * spp),
-        ("teaching", run(&plain, Strategy::Mis, Integrator::Teaching, 4, 64 * spp), 64 * spp),
+        ("uniform", run(&plain, Strategy::Mis, Integrator::Uniform, 4, 64 * spp), 64 * spp),
         ("uncompensated", run(&plain, Strategy::Mis, Integrator::Path, 5, spp), spp),
     ];
     for (other, (mean, variance), n) in &others {

@@ -155,7 +155,7 @@ fn surface<T: Real>(t: &Rows<T, { channel::USED }>, lane: usize) -> Surface<T> {
         base_color: triple(t, channel::BASE_COLOR, lane),
         roughness: t[channel::ROUGHNESS][lane],
         metallic: t[channel::METALLIC][lane],
-        gamma: t[channel::GAMMA][lane],
+        gamma: t[channel::SPECULAR_SUPPRESSION][lane],
     }
 }
 

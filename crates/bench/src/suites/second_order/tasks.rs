@@ -1,13 +1,13 @@
 //! The tasks of Wang et al. (2025) that need no renderer: quadratic, Gaussian well, squares that move in an image.
 
-use photofit_optim::sampled::{Batch, Estimator, Kernel, Settings, Tuple};
+use photofit_optim::sampled::{Batch, Estimator, Kernel, Settings, Stencil};
 use photofit_sampling::Rng;
 use rayon::prelude::*;
 
-/// One antithetic pair, or one 4-tuple, for each parameter.
+/// One antithetic pair, or one 4-point stencil, for each parameter.
 pub(super) const PAIR: Estimator =
-    Estimator { samples: 1, tuple: Tuple::Antithetic, kernel: Kernel::Coordinates, stratified: true };
-pub(super) const FOUR: Estimator = Estimator { tuple: Tuple::Four, ..PAIR };
+    Estimator { samples: 1, stencil: Stencil::Antithetic, kernel: Kernel::Coordinates, stratified: true };
+pub(super) const FOUR: Estimator = Estimator { stencil: Stencil::FourPoint, ..PAIR };
 
 /// A function of the parameters; the seed is the renderer's.
 pub(super) type Function = Box<dyn Fn(&[f64], u64) -> f64 + Sync>;
@@ -37,7 +37,7 @@ impl Task {
         self.target.len()
     }
 
-    /// The default settings, with one 4-tuple per parameter where parameters are so many that their sum tells signal
+    /// The default settings, with one 4-point stencil per parameter where parameters are so many that their sum tells signal
     /// from noise. Not pairs: in them the slopes along all other parameters are noise. Trust is that of the paper.
     pub(super) fn settings(&self) -> Settings {
         let default = Settings::default();

@@ -52,11 +52,11 @@ fn pixels_without_noise_come_out_as_they_went_in() {
                 kept += 1;
             }
             assert_eq!(kept, 3 * (38 * 40 + 16 * 11 + 4));
-            assert!(d.plan.runs("exact") && d.plan.runs("noise"), "{}", d.plan);
+            assert!(d.plan.runs("noiseless") && d.plan.runs("noise"), "{}", d.plan);
         }
     }
     // Without a known noise nothing is claimed.
-    assert!(!denoise(&plain, &Settings::default()).expect("sound").plan.runs("exact"));
+    assert!(!denoise(&plain, &Settings::default()).expect("sound").plan.runs("noiseless"));
     // The last frame of a sequence tells what is exact.
     let mut history = Sequence::new(Settings::default());
     for _ in 0..2 {
@@ -95,7 +95,7 @@ fn equal_samples_by_chance_and_black_ones_are_noise() {
     let (a, b) = (side(0), side(1));
     let frame = Frame { half: Some(&b), ..Frame::new(WIDTH, HEIGHT, &a) };
     let d = denoise(&frame, &Settings::default()).expect("sound");
-    let why = &d.plan.step("exact").expect("a line").why;
+    let why = &d.plan.step("noiseless").expect("a line").why;
     assert!(why.starts_with("0 pixels"), "{why}");
     let far = |v: &f32| (v - 0.5).abs();
     let (most, rms) =

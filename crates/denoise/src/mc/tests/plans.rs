@@ -42,11 +42,11 @@ impl Case {
 
 /// Stages that have a line of their name; the others are inputs, or choices within a stage.
 const OWN_LINES: [Stage; 7] = [
-    Stage::Exact,
+    Stage::Noiseless,
     Stage::Demodulation,
-    Stage::Black,
+    Stage::ZeroAlbedo,
     Stage::Detail,
-    Stage::Jagged,
+    Stage::Antialiasing,
     Stage::Edges,
     Stage::Coherence,
 ];
@@ -78,7 +78,7 @@ fn what_a_plan_says_of_a_stage_is_so() {
                 "{name}, {model:?}: nothing is left out, and the line is {left_out:?}"
             );
             let automatic = model == Model::Auto;
-            for stage in ["jagged", "edges"] {
+            for stage in ["antialiasing", "edges"] {
                 let why = &all.plan.step(stage).expect("a line").why;
                 assert_eq!(why == "part of the automatic model", !automatic, "{model:?}, {stage}: {why}");
             }
@@ -88,7 +88,7 @@ fn what_a_plan_says_of_a_stage_is_so() {
     let cells = |without| {
         run(&guided, Model::Auto, Some(without)).plan.step("regression").expect("a line").why.clone()
     };
-    assert!(cells(Stage::Widths).ends_with("widths left out"));
+    assert!(cells(Stage::Bandwidth).ends_with("bandwidth left out"));
     assert!(cells(Stage::Highlights).ends_with("highlights left out"));
 }
 
@@ -100,10 +100,10 @@ fn several_stages_are_left_out_at_once() {
         let without = stages.iter().copied().collect();
         denoise(frame, &Settings { without, ..Settings::default() }).expect("a sound frame")
     };
-    let stages = [Stage::Normal, Stage::Widths, Stage::Highlights, Stage::Detail];
+    let stages = [Stage::Normal, Stage::Bandwidth, Stage::Highlights, Stage::Detail];
     let less = run(&frame, &stages);
     let regression = &less.plan.step("regression").expect("a line").why;
-    assert!(regression.ends_with("; widths left out; highlights left out"), "{regression}");
+    assert!(regression.ends_with("; bandwidth left out; highlights left out"), "{regression}");
     assert!(!less.plan.runs("normal") && !less.plan.runs("detail"), "{}", less.plan);
     // As where the input is not there.
     let guides = Guides { normal: None, ..frame.guides };

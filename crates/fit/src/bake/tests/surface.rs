@@ -124,7 +124,7 @@ fn equal_sheets_reproduce_textures() {
         let got = vec3(texel[channel::NORMAL], texel[channel::NORMAL + 1], texel[channel::NORMAL + 2]);
         assert!((got - want).length() < 1e-5, "texel {i}: {got:?} for {want:?}");
         assert_eq!(&texel[channel::EMISSIVE..channel::USED], &[2.0, 3.0, 4.0]);
-        assert_eq!((texel[channel::ALPHA], texel[channel::GAMMA]), (1.0, 0.0));
+        assert_eq!((texel[channel::ALPHA], texel[channel::SPECULAR_SUPPRESSION]), (1.0, 0.0));
     }
     // Four samples average: the mean of the picture stays.
     let mean = |b: &Baked| b.maps.texels.iter().map(|t| t[0]).sum::<f32>() / (n * n) as f32;
@@ -184,7 +184,10 @@ fn unlit_surfaces_become_emission() {
     let seen = Visibility::everything(2);
     let t = world.bake(&seen, &sheet(1), &size(2)).maps.texels[0];
     assert_eq!(color_of(&t), [0.0; 3]);
-    assert_eq!((&t[channel::EMISSIVE..channel::USED], t[channel::GAMMA]), (&[0.5, 0.25, 0.75][..], 1.0));
+    assert_eq!(
+        (&t[channel::EMISSIVE..channel::USED], t[channel::SPECULAR_SUPPRESSION]),
+        (&[0.5, 0.25, 0.75][..], 1.0)
+    );
     let kept = BakeSettings { unlit_as_emission: false, ..size(2) };
     assert_eq!(color_of(&world.bake(&seen, &sheet(1), &kept).maps.texels[0]), [0.5, 0.25, 0.75]);
 }

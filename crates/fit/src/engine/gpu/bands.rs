@@ -17,7 +17,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// of pixels reach no farther.
 const HALO: usize = Part::REACH + 1;
 /// Fewest rows that count of a band of the largest picture: of fewer most of the work would be for the rows around them.
-const FEWEST: usize = 2 * HALO;
+const MIN_ROWS: usize = 2 * HALO;
 
 const _: () = assert!(crate::engine::loss::ASIDE <= HALO);
 
@@ -73,7 +73,7 @@ impl Bands {
     /// Twice as many; none where the bands of the largest picture would have too few rows.
     pub(super) fn finer(self, room: Room) -> Option<Self> {
         let more = 2 * self.0;
-        (room.pixels[1] / more >= FEWEST).then_some(Self(more))
+        (room.pixels[1] / more >= MIN_ROWS).then_some(Self(more))
     }
 
     /// Columns and rows of the largest band of pictures of some room.

@@ -9,7 +9,7 @@
 use crate::FitError;
 use crate::engine::reference::{Rasterized, Reference, ReferenceKind, ReferencePicture};
 use crate::engine::views::{Moment, Setup, Sphere};
-use crate::scene_render::gpu::{Asked, DeviceScene};
+use crate::scene_render::gpu::{DeviceScene, PictureRequest};
 use photofit_gpu::{Gpu, GpuError};
 use photofit_image::Image;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -26,9 +26,9 @@ pub(crate) struct DrawnThere<'a> {
 
 /// What a reference holds on a device, given back where a fit has no room.
 #[derive(Clone, Debug)]
-pub struct Lent(Arc<Mutex<Course>>);
+pub struct DeviceMemory(Arc<Mutex<Course>>);
 
-impl Lent {
+impl DeviceMemory {
     /// Gives back the buffers of pictures or, where there are none, the asset, which the next picture uploads again; whether there
     /// was anything.
     pub(super) fn give_back(&self) -> bool {
@@ -66,7 +66,7 @@ impl Course {
         &mut self,
         gpu: &Gpu,
         of: &Rasterized<'_>,
-        asked: &Asked<'_>,
+        asked: &PictureRequest<'_>,
     ) -> Result<Option<Image>, GpuError> {
         if let Some(why) = DeviceScene::refused(gpu, asked) {
             return Ok(self.refuse(why));
@@ -120,7 +120,7 @@ impl<'a> DrawnThere<'a> {
         if course.left.is_some() {
             return Ok(None);
         }
-        let asked = Asked {
+        let asked = PictureRequest {
             camera: &setup.camera.pinhole(),
             lights: &setup.lights,
             size: [setup.width, setup.height],
@@ -188,8 +188,8 @@ impl Reference for DrawnThere<'_> {
         })
     }
 
-    fn lent(&self) -> Option<Lent> {
-        Some(Lent(self.course.clone()))
+    fn device_memory(&self) -> Option<DeviceMemory> {
+        Some(DeviceMemory(self.course.clone()))
     }
 
     fn leave_device(&self, why: &str) {
@@ -295,7 +295,7 @@ mod tests {
         let on_cpu = Rasterized::new(&n.flat, &n.library).sampled(2);
         let gpu = with_memory(u64::MAX);
         let drawn = DrawnThere::new(&gpu, on_cpu, true);
-        let lent = drawn.lent().unwrap();
+        let lent = drawn.device_memory().unwrap();
         assert!(!lent.give_back(), "nothing is there");
         let first = drawn.picture(&setup(40)).unwrap().image;
         let all = gpu.held();

@@ -28,8 +28,8 @@ use crate::candidate::Vertices;
 pub use bands::BandCount;
 use bands::Bands;
 pub(crate) use bands::projection_of_rows;
+pub use drawn::DeviceMemory;
 pub(crate) use drawn::DrawnThere;
-pub use drawn::Lent;
 use photofit_gpu::{Buffer, FIXED_LIMITED, FIXED_LOST, Gpu, GpuError, Kernel, KernelReport, Recording};
 use photofit_optim::OptimError;
 use photofit_optim::gpu::{DeviceOptimizer, LargeStepsSolver};
@@ -85,7 +85,7 @@ pub struct GpuSurface<S = Surface> {
     losses: Vec<f64>,
     limited: Limited,
     /// What the reference holds there.
-    lent: Option<Lent>,
+    lent: Option<DeviceMemory>,
 }
 
 /// Gradients with terms that ended at the limit of their sums.
@@ -166,14 +166,19 @@ impl<S: Posable> GpuSurface<S> {
 
     /// [`Self::new`] beside a reference, which gives back what it holds there before pictures are drawn in bands or there is
     /// no room.
-    pub(crate) fn beside(gpu: &Gpu, asset: S, shots: &[Shot], lent: Option<Lent>) -> Result<Self, NoRoom> {
+    pub(crate) fn beside(
+        gpu: &Gpu,
+        asset: S,
+        shots: &[Shot],
+        lent: Option<DeviceMemory>,
+    ) -> Result<Self, NoRoom> {
         let (groups, surface) = (asset.groups(), asset.surface());
         if let Some(source) = refused(surface, S::POSED) {
             return Err(NoRoom { source, option: None });
         }
         let (on, optimizers) = loop {
             match uploaded(gpu, surface, &groups) {
-                Err(e) if e.is_out_of_memory() && lent.as_ref().is_some_and(Lent::give_back) => {}
+                Err(e) if e.is_out_of_memory() && lent.as_ref().is_some_and(DeviceMemory::give_back) => {}
                 made => break made?,
             }
         };
@@ -283,7 +288,7 @@ impl<S: Posable> GpuSurface<S> {
             match self.prepare(shots).map_err(E::from).and_then(|()| work(self)) {
                 Err(e) if device(&e).is_some_and(GpuError::is_of_size) => {
                     let full = matches!(device(&e), Some(GpuError::OutOfMemory { .. }));
-                    let lent = || self.lent.as_ref().is_some_and(Lent::give_back);
+                    let lent = || self.lent.as_ref().is_some_and(DeviceMemory::give_back);
                     if full && (self.references.give_back(shots.len()) || lent()) {
                         continue;
                     }

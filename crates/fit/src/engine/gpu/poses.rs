@@ -3,7 +3,7 @@
 
 use crate::candidate::Vertices;
 use crate::engine::views::Moment;
-use photofit_gpu::{Buffer, Gpu, GpuError, Inlet, Recorder, Recording};
+use photofit_gpu::{Buffer, CopySlot, Gpu, GpuError, Recorder, Recording};
 use photofit_raster::gpu::MeshBuffers;
 
 /// Bytes of device memory that poses may take, unless those of a step take more.
@@ -92,7 +92,7 @@ impl Poses {
 
 /// How the vertices of a picture come from [`Poses`].
 #[derive(Clone, Copy, Debug)]
-pub(super) struct FromPose([Inlet; 3]);
+pub(super) struct FromPose([CopySlot; 3]);
 
 impl FromPose {
     /// Records that a pose is put in place of the shape.

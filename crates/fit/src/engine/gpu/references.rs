@@ -4,7 +4,7 @@
 use crate::engine::pool::window;
 use crate::engine::trainer::Job;
 use crate::engine::views::{BACKGROUND_MAX, Shot};
-use photofit_gpu::{Buffer, Gpu, GpuError, INDEX, Inlet, Kernel, Recorder, Recording};
+use photofit_gpu::{Buffer, CopySlot, Gpu, GpuError, INDEX, Kernel, Recorder, Recording};
 use photofit_image::Image;
 use photofit_sampling::Rng;
 use std::fmt;
@@ -196,7 +196,7 @@ impl References {
 /// How a picture of a batch comes from [`References`].
 #[derive(Debug)]
 pub(super) struct FromHeld {
-    picture: Inlet,
+    picture: CopySlot,
     noise: photofit_gpu::Slot,
 }
 

@@ -25,6 +25,15 @@ pub struct Ranking {
     scores: Vec<Vec<f64>>,
 }
 
+/// How sure a choice is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Certainty {
+    /// Views in which it was made.
+    pub views: u64,
+    /// Whether something else may be better in more of them.
+    pub close: bool,
+}
+
 /// How good the pictures of each stage are in `count` held-out views, drawn by the rasterizer with `samples` samples
 /// per axis of a pixel: the mean over the views, after the work was stopped over the first two of them, of PSNR and
 /// FLIP, both in decibels.
@@ -168,9 +177,9 @@ impl Ranking {
         self.scores.iter().map(Vec::len).max().unwrap_or(0) as u64
     }
 
-    /// Whether another stage may be better than the best one yet.
-    pub fn is_close(&self) -> bool {
-        self.open().len() > 1
+    /// How sure the best stage is.
+    pub fn certainty(&self) -> Certainty {
+        Certainty { views: self.views(), close: self.open().len() > 1 }
     }
 
     /// The best stage, and those seen as often that stay open: by the 95% confidence interval of their mean difference from the best one they

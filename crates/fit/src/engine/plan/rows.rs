@@ -262,7 +262,7 @@ pub(crate) struct Work {
 const SAMPLES: [(&str, usize, usize); 7] = [
     ("base colour", channel::BASE_COLOR, 3),
     ("alpha", channel::ALPHA, 1),
-    ("share of highlights", channel::GAMMA, 1),
+    ("specular suppression", channel::SPECULAR_SUPPRESSION, 1),
     ("roughness", channel::ROUGHNESS, 1),
     ("metalness", channel::METALLIC, 1),
     ("normals", channel::NORMAL, 3),

@@ -36,7 +36,7 @@ pub(crate) fn candidate(mode: AlphaMode, paint: impl Fn(usize, &mut [f32; CHANNE
 
 /// The plan of 100 steps against rasterized pictures, or of none.
 pub(crate) fn planned(candidate: &Candidate, steps: u64) -> SurfacePlan {
-    SurfacePlan::new(candidate, Asked { steps, moves: true, reference: ReferenceKind::RASTERIZED })
+    SurfacePlan::new(candidate, FitRequest { steps, moves: true, reference: ReferenceKind::RASTERIZED })
 }
 
 #[test]
@@ -68,7 +68,7 @@ fn an_opaque_surface_runs_one_layer_and_no_blending() {
 #[test]
 fn frozen_positions_run_no_silhouettes() {
     let sheet = candidate(AlphaMode::Opaque, |_, _| {});
-    let asked = Asked { steps: 100, moves: false, reference: ReferenceKind::RASTERIZED };
+    let asked = FitRequest { steps: 100, moves: false, reference: ReferenceKind::RASTERIZED };
     for frozen in [planned(&sheet, 0), SurfacePlan::new(&sheet, asked)] {
         assert!(!frozen.passes.position_gradients && !frozen.passes.antialias);
     }
@@ -105,8 +105,8 @@ fn samples_that_vary_and_are_not_fitted_are_told() {
         occluded.ends_with("the others are constant; occlusion is carried along, not drawn"),
         "{occluded}"
     );
-    let [unlit, _] = told(&candidate(AlphaMode::Opaque, |i, t| t[channel::GAMMA] = some(i)));
-    assert!(unlit.contains("; held as they are: share of highlights; the others"), "{unlit}");
+    let [unlit, _] = told(&candidate(AlphaMode::Opaque, |i, t| t[channel::SPECULAR_SUPPRESSION] = some(i)));
+    assert!(unlit.contains("; held as they are: specular suppression; the others"), "{unlit}");
     let mut glass = candidate(AlphaMode::Blend, |i, t| t[channel::ALPHA] = 0.5 + 0.2 * some(i));
     glass.classes[0].see_through = true;
     let [maps, alpha] = told(&glass);

@@ -159,7 +159,7 @@ fn phase<'a>(name: &'static str, first: u64, steps: u64, groups: &[&'static str]
     Phase { name, first, steps, shrink: 1, rates, fade: None, reinitialised: None }
 }
 
-fn fit(model: Pixels, keeping: &Keeping, progress: &dyn Progress) -> Result<Trained<Pixels>, FitError> {
+fn fit(model: Pixels, keeping: &Checkpointing, progress: &dyn Progress) -> Result<Trained<Pixels>, FitError> {
     // The second phase begins with blue made anew, and asks as long work does whether to stop.
     let renew = |m: &Pixels| {
         if progress.is_cancelled() {
@@ -180,7 +180,7 @@ fn fit(model: Pixels, keeping: &Keeping, progress: &dyn Progress) -> Result<Trai
 fn fit_in(
     phases: Vec<Phase<'_, Pixels>>,
     model: Pixels,
-    keeping: &Keeping,
+    keeping: &Checkpointing,
     progress: &dyn Progress,
 ) -> Result<Trained<Pixels>, FitError> {
     fit_against(None, phases, model, keeping, progress)
@@ -190,7 +190,7 @@ fn fit_against(
     rival: Option<f64>,
     phases: Vec<Phase<'_, Pixels>>,
     model: Pixels,
-    keeping: &Keeping,
+    keeping: &Checkpointing,
     progress: &dyn Progress,
 ) -> Result<Trained<Pixels>, FitError> {
     let views = Orbit::new(0, &Lighting::Point, SIDE);
@@ -219,13 +219,13 @@ fn result(t: &Trained<Pixels>) -> (Vec<u32>, Vec<(u64, u64, u64)>, u64) {
     (bits, evaluations, t.steps)
 }
 
-fn keeping(folder: &Path, resume: bool) -> Keeping {
-    Keeping { checkpoint: Some(folder.into()), resume, time_limit: None }
+fn keeping(folder: &Path, resume: bool) -> Checkpointing {
+    Checkpointing { checkpoint: Some(folder.into()), resume, time_limit: None }
 }
 
 #[test]
 fn a_fit_stopped_anywhere_resumes_to_the_same_bits() {
-    let whole = result(&fit(Pixels::new(), &Keeping::default(), &Silent).unwrap());
+    let whole = result(&fit(Pixels::new(), &Checkpointing::default(), &Silent).unwrap());
     for stop_at in 0..STEPS as usize + 3 {
         let dir = tempfile::tempdir().unwrap();
         let progress = Counting { stop_at: Some(stop_at), ..Counting::default() };
@@ -244,7 +244,7 @@ fn a_fit_stopped_anywhere_resumes_to_the_same_bits() {
 
 #[test]
 fn a_fit_may_be_stopped_many_times() {
-    let whole = result(&fit(Pixels::new(), &Keeping::default(), &Silent).unwrap());
+    let whole = result(&fit(Pixels::new(), &Checkpointing::default(), &Silent).unwrap());
     let dir = tempfile::tempdir().unwrap();
     for _ in 0..200 {
         let progress = Counting { stop_at: Some(3), ..Counting::default() };
@@ -260,7 +260,7 @@ fn a_fit_may_be_stopped_many_times() {
 #[test]
 fn a_stopped_fit_gives_its_latest_state_where_that_is_best() {
     let progress = Counting { stop_at: Some(30), ..Counting::default() };
-    let t = fit(Pixels::new(), &Keeping::default(), &progress).unwrap();
+    let t = fit(Pixels::new(), &Checkpointing::default(), &progress).unwrap();
     assert!(t.stopped && t.steps == 30);
     let last = t.history.last().unwrap();
     assert_eq!(last.step, 30, "it was evaluated where it stopped");
@@ -274,7 +274,7 @@ fn a_folder_that_cannot_be_written_ends_no_fit() {
     let blocked = dir.path().join("state");
     std::fs::write(&blocked, b"x").unwrap();
     let progress = Counting::default();
-    let whole = result(&fit(Pixels::new(), &Keeping::default(), &Silent).unwrap());
+    let whole = result(&fit(Pixels::new(), &Checkpointing::default(), &Silent).unwrap());
     let t = fit(Pixels::new(), &keeping(&blocked, false), &progress).unwrap();
     assert!(result(&t) == whole);
     let warnings = progress.warnings.into_inner().unwrap();
@@ -292,12 +292,12 @@ fn a_value_that_is_not_finite_names_step_group_and_what_is_kept() {
     }
     // What was kept is good.
     let resumed = fit(Pixels::new(), &keeping(dir.path(), true), &Silent).unwrap();
-    assert!(result(&resumed) == result(&fit(Pixels::new(), &Keeping::default(), &Silent).unwrap()));
+    assert!(result(&resumed) == result(&fit(Pixels::new(), &Checkpointing::default(), &Silent).unwrap()));
 }
 
 #[test]
 fn a_fit_beats_its_start() {
-    let t = fit(Pixels::new(), &Keeping::default(), &Silent).unwrap();
+    let t = fit(Pixels::new(), &Checkpointing::default(), &Silent).unwrap();
     let best = t.history.iter().map(|h| h.quality).fold(f64::NEG_INFINITY, f64::max);
     assert!(best > t.history[0].quality + 10.0, "{:?}", t.history);
 }
@@ -305,7 +305,7 @@ fn a_fit_beats_its_start() {
 #[test]
 fn a_phase_without_progress_ends_early_and_what_it_left_out_is_counted() {
     let phases = || vec![phase("frozen", 0, 400, &[]), phase("moving", 400, 50, &["red green", "blue"])];
-    let t = fit_in(phases(), Pixels::new(), &Keeping::default(), &Silent).unwrap();
+    let t = fit_in(phases(), Pixels::new(), &Checkpointing::default(), &Silent).unwrap();
     // The start is the best of the first phase, and six evaluations after it are none better: its last quarter follows, which runs
     // whole.
     let evaluated: Vec<u64> = t.history.iter().map(|h| h.step).collect();
@@ -313,8 +313,8 @@ fn a_phase_without_progress_ends_early_and_what_it_left_out_is_counted() {
     assert_eq!(evaluated[7..], [325, 350, 375, 400, 425, 450]);
     assert_eq!((t.steps, t.reached(), t.stopped), (300, 450, false));
     // A longer one ends in its last quarter, too: at 600, then 150 steps later.
-    let long =
-        fit_in(vec![phase("frozen", 0, 800, &[])], Pixels::new(), &Keeping::default(), &Silent).unwrap();
+    let long = fit_in(vec![phase("frozen", 0, 800, &[])], Pixels::new(), &Checkpointing::default(), &Silent)
+        .unwrap();
     let evaluated: Vec<u64> = long.history.iter().map(|h| h.step).collect();
     assert_eq!(evaluated[6..], [150, 625, 650, 675, 700, 725, 750]);
     assert_eq!((long.steps, long.reached()), (300, 750));
@@ -332,19 +332,19 @@ fn a_phase_without_progress_ends_early_and_what_it_left_out_is_counted() {
 fn a_fit_far_behind_its_rival_ends_early() {
     let all = ["red green", "blue"];
     let phases = || vec![phase("first", 0, 300, &all), phase("second", 300, 100, &all)];
-    let fit = |rival, folder: &Keeping, progress: &dyn Progress| {
+    let fit = |rival, folder: &Checkpointing, progress: &dyn Progress| {
         fit_against(rival, phases(), Pixels::new(), folder, progress).unwrap()
     };
-    let alone = fit(None, &Keeping::default(), &Silent);
+    let alone = fit(None, &Checkpointing::default(), &Silent);
     let quality = |t: &Trained<Pixels>| t.history.iter().map(|h| h.quality).fold(f64::NEG_INFINITY, f64::max);
     let best = quality(&alone);
     assert!(alone.behind.is_none() && best > alone.history[0].quality + 3.0, "{:?}", alone.history);
     // A rival within reach costs no step, though the fit starts far below it.
-    let near = fit(Some(best), &Keeping::default(), &Silent);
+    let near = fit(Some(best), &Checkpointing::default(), &Silent);
     assert!(result(&near) == result(&alone) && near.behind.is_none());
     // One out of reach ends it at the first evaluation at which that can be told, in all its phases.
     let rival = best + 1000.0;
-    let far = fit(Some(rival), &Keeping::default(), &Silent);
+    let far = fit(Some(rival), &Checkpointing::default(), &Silent);
     let evaluated: Vec<u64> = far.history.iter().map(|h| h.step).collect();
     assert_eq!(
         (&evaluated[..], far.steps, far.reached(), far.stopped),
@@ -354,7 +354,7 @@ fn a_fit_far_behind_its_rival_ends_early() {
     // Out of reach: more than 3 dB above what it came to with as much in each of the 300 steps to come.
     let best_at_100 = alone.history[..5].iter().map(|h| h.quality).fold(f64::NEG_INFINITY, f64::max);
     let bound = best_at_100 + 3.0 * (best_at_100 - alone.history[0].quality) + 3.0;
-    let steps = |rival| fit(Some(rival), &Keeping::default(), &Silent).steps;
+    let steps = |rival| fit(Some(rival), &Checkpointing::default(), &Silent).steps;
     assert!(steps(bound + 0.01) == 100 && steps(bound - 0.01) > 100, "{bound}");
     // The same where it was stopped before that, and gone on with; and where it is gone on with after its end.
     let dir = tempfile::tempdir().unwrap();

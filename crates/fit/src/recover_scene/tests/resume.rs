@@ -34,7 +34,7 @@ fn targets(spp: u32) -> Vec<Image> {
 }
 
 fn fit(targets: &[Image], folder: Option<&Path>, progress: &dyn Progress) -> RecoveredScene {
-    let keeping = Keeping { checkpoint: folder.map(Into::into), resume: true, time_limit: None };
+    let keeping = Checkpointing { checkpoint: folder.map(Into::into), resume: true, time_limit: None };
     let options = RecoverSceneOptions { steps: STEPS, rate: 0.08, seed: 3, keeping };
     recover_scene(small(), &around(2), targets, &options, progress).expect("fits")
 }
@@ -72,7 +72,7 @@ fn a_checkpoint_of_another_scene_is_refused() {
     let dir = tempfile::tempdir().expect("a folder");
     fit(&targets, Some(dir.path()), &Stop(AtomicUsize::new(0), 2));
     let refused = |model: Traced, views: &[View]| {
-        let keeping = Keeping { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
+        let keeping = Checkpointing { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
         let options = RecoverSceneOptions { steps: STEPS, rate: 0.08, seed: 3, keeping };
         recover_scene(model, views, &targets, &options, &Silent).unwrap_err().to_string()
     };

@@ -39,13 +39,13 @@ impl Ready {
         Rasterized::new(&self.flat, &self.library).sampled(samples)
     }
 
-    fn on_cpu(&self, asked: &Asked<'_>) -> Image {
+    fn on_cpu(&self, asked: &PictureRequest<'_>) -> Image {
         self.reference(asked.samples).picture(&setup(asked)).expect("drawn").image
     }
 }
 
 /// What a reference is asked for.
-fn setup(asked: &Asked<'_>) -> Setup {
+fn setup(asked: &PictureRequest<'_>) -> Setup {
     let [width, height] = asked.size;
     Setup {
         camera: (*asked.camera).into(),
@@ -92,7 +92,7 @@ fn pictures_of_a_scene_are_those_of_the_cpu() {
         ("smaller", of(&all), [9, 7], 4, false),
     ];
     for (what, lights, size, samples, backs) in cases {
-        let asked = Asked { camera: &camera, lights: &lights, size, samples, backs };
+        let asked = PictureRequest { camera: &camera, lights: &lights, size, samples, backs };
         let (found, expected) = (device.draw(&asked).expect("drawn"), scene.on_cpu(&asked));
         agree(what, &found, &expected);
         let covered = expected.data.chunks_exact(4).filter(|p| p[3] > 0.0).count();
@@ -107,7 +107,8 @@ fn a_reference_that_is_drawn_on_a_device_gives_the_pictures_of_the_cpu() {
     let (gpu, scene, camera) = (test_device(), Ready::new(&spheres()), camera());
     let all = ViewLights(lights());
     let each = lights().into_iter().map(|light| ViewLights(vec![light]));
-    let asked = |lights, size, samples, backs| Asked { camera: &camera, lights, size, samples, backs };
+    let asked =
+        |lights, size, samples, backs| PictureRequest { camera: &camera, lights, size, samples, backs };
     let ones: Vec<ViewLights> = each.collect();
     let one =
         ones.iter().enumerate().map(|(k, lights)| (format!("light {k}"), asked(lights, [90, 80], 2, false)));
@@ -142,7 +143,8 @@ fn opaque_scenes_without_colours_or_textures_are_drawn_in_one_layer() {
     let mut device = scene.on(gpu);
     assert_eq!((device.scene.layers, device.scene.layout.tangent, device.scene.layout.color), (1, 0, 0));
     let lights = ViewLights(lights());
-    let asked = Asked { camera: &camera, lights: &lights, size: [100, 100], samples: 4, backs: false };
+    let asked =
+        PictureRequest { camera: &camera, lights: &lights, size: [100, 100], samples: 4, backs: false };
     agree("plain", &device.draw(&asked).expect("drawn"), &scene.on_cpu(&asked));
 }
 
@@ -154,11 +156,11 @@ fn a_picture_has_the_same_bits_whatever_was_drawn_before() {
     let gpu = Gpu::new(&Choice::Named(test_device().report().name.clone())).expect("opened");
     let mut device = scene.on(&gpu);
     let (all, point) = (ViewLights(lights()), ViewLights(lights()[..1].to_vec()));
-    let asked = Asked { camera: &camera, lights: &all, size: [90, 80], samples: 4, backs: false };
+    let asked = PictureRequest { camera: &camera, lights: &all, size: [90, 80], samples: 4, backs: false };
     let first = device.draw(&asked).expect("drawn");
     for other in [
-        Asked { size: [80, 75], lights: &point, backs: true, ..asked },
-        Asked { size: [20, 20], samples: 8, ..asked },
+        PictureRequest { size: [80, 75], lights: &point, backs: true, ..asked },
+        PictureRequest { size: [20, 20], samples: 8, ..asked },
     ] {
         device.draw(&other).expect("drawn");
         assert!(device.draw(&asked).expect("drawn") == first, "after {:?}", other.size);
@@ -174,7 +176,8 @@ fn a_picture_has_the_same_bits_whatever_was_drawn_before() {
 fn a_perturbed_scene_is_noticed() {
     let (gpu, scene, camera) = (test_device(), Ready::new(&spheres()), camera());
     let lights = ViewLights(lights());
-    let asked = Asked { camera: &camera, lights: &lights, size: [120, 120], samples: 4, backs: false };
+    let asked =
+        PictureRequest { camera: &camera, lights: &lights, size: [120, 120], samples: 4, backs: false };
     let expected = scene.on_cpu(&asked);
     let mut moved = spheres();
     moved.primitives[0].mesh.positions.iter_mut().for_each(|p| p.x += 0.001);
@@ -198,7 +201,8 @@ fn what_lies_behind_glass_of_any_alpha_is_seen_on_a_device() {
     for alpha in [0.5_f32, 0.99, 0.999, 0.9999, 1.0] {
         let (scene, camera) = lamp_behind_glass(alpha);
         let lights = ViewLights::default();
-        let asked = Asked { camera: &camera, lights: &lights, size: [8, 8], samples: 1, backs: false };
+        let asked =
+            PictureRequest { camera: &camera, lights: &lights, size: [8, 8], samples: 1, backs: false };
         let picture = Ready::new(&scene).on(gpu).draw(&asked).expect("drawn");
         let (seen, expected) = (f64::from(picture.pixel(4, 4)[0]), f64::from(1000.0 * (1.0 - alpha)));
         let error = (seen - expected).abs() / expected.max(f64::MIN_POSITIVE);
@@ -211,7 +215,8 @@ fn what_lies_behind_glass_of_any_alpha_is_seen_on_a_device() {
 fn a_picture_in_bands_is_the_whole_one() {
     let (shared, scene, camera) = (test_device(), Ready::new(&spheres()), camera());
     let lights = ViewLights(lights());
-    let asked = Asked { camera: &camera, lights: &lights, size: [150, 131], samples: 4, backs: false };
+    let asked =
+        PictureRequest { camera: &camera, lights: &lights, size: [150, 131], samples: 4, backs: false };
     let whole = scene.on(shared).draw(&asked).expect("drawn");
     let named = Choice::Named(shared.report().name.clone());
     // The samples of 54 rows can be bound.
@@ -222,7 +227,7 @@ fn a_picture_in_bands_is_the_whole_one() {
     assert_eq!(device.bands(), 3);
     agree("three bands", &banded, &whole);
     // Bands and bits are those of the picture, whatever was drawn before.
-    let fewer = Asked { size: [150, 100], ..asked };
+    let fewer = PictureRequest { size: [150, 100], ..asked };
     let after = device.draw(&fewer).expect("drawn");
     agree("fewer rows", &after, &scene.on_cpu(&fewer));
     let mut fresh = scene.on(&small);
@@ -235,22 +240,23 @@ fn a_picture_in_bands_is_the_whole_one() {
 fn pictures_without_room_are_refused() {
     let (shared, scene, camera) = (test_device(), Ready::new(&spheres()), camera());
     let lights = ViewLights(lights());
-    let asked = Asked { camera: &camera, lights: &lights, size: [150, 131], samples: 4, backs: false };
+    let asked =
+        PictureRequest { camera: &camera, lights: &lights, size: [150, 131], samples: 4, backs: false };
     let named = Choice::Named(shared.report().name.clone());
     // By the limits, before anything is allocated: more pixels, or more samples in a row, than are bound.
     let small = Gpu::within(&named, Caps { binding: 16 * 150 * 131, ..Caps::NONE }).expect("opened");
-    let told = |size, samples| DeviceScene::refused(&small, &Asked { size, samples, ..asked });
+    let told = |size, samples| DeviceScene::refused(&small, &PictureRequest { size, samples, ..asked });
     assert_eq!(told([150, 131], 4), None);
     assert!(told([150, 132], 4).is_some_and(|t| t.contains("its pixels take 316800 of 314400 bytes")));
     assert!(told([76, 1], 16).is_none() && told([77, 1], 16).is_some_and(|t| t.contains("samples of a row")));
     // By the memory: it is given back.
     let gpu = Gpu::within(&named, Caps { memory: 12 << 20, ..Caps::NONE }).expect("opened");
     let mut device = scene.on(&gpu);
-    device.draw(&Asked { size: [8, 8], ..asked }).expect("drawn");
+    device.draw(&PictureRequest { size: [8, 8], ..asked }).expect("drawn");
     let error = device.draw(&asked).expect_err("no room");
     assert!(matches!(error, GpuError::OutOfMemory { .. }), "{error}");
     assert!(device.bytes(&asked) > 12 << 20 && device.stage.is_none());
-    device.draw(&Asked { size: [8, 8], ..asked }).expect("drawn");
+    device.draw(&PictureRequest { size: [8, 8], ..asked }).expect("drawn");
 }
 
 #[test]
@@ -264,7 +270,13 @@ fn bench() {
         let scene = Ready::new(&scene);
         let mut device = scene.on(gpu);
         for size in [128, 256] {
-            let asked = Asked { camera: &camera, lights: &lights, size: [size; 2], samples: 4, backs: false };
+            let asked = PictureRequest {
+                camera: &camera,
+                lights: &lights,
+                size: [size; 2],
+                samples: 4,
+                backs: false,
+            };
             let least = |run: &mut dyn FnMut()| {
                 let times = (0..2).map(|_| {
                     let start = std::time::Instant::now();

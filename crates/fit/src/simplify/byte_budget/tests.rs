@@ -3,7 +3,7 @@
 use super::{Files, Made, as_asked};
 use crate::simplify::tests::{Heard, Watching, of, options, rock, tiled};
 use crate::simplify::{
-    FitRenderer, Judged, Outcome, ReferenceRenderer, SimplifyOptions, Surfacing, Written, simplify,
+    Appearance, FitRenderer, Judged, Outcome, ReferenceRenderer, SimplifyOptions, Written, simplify,
 };
 use crate::{Progress, Silent};
 use photofit_geometry::decimate::Target;
@@ -160,14 +160,14 @@ fn the_bytes_of_a_budget_hold_triangles() {
     let uvs = &mut bare_with_uvs.primitives[0].mesh;
     uvs.uvs = uvs.positions.iter().map(|p| photofit_scalar::vec2(p.x, p.y)).collect();
     let whole = photofit_scene::to_glb_with(&bare, photofit_scene::Compression::None).unwrap().len() as u64;
-    for (asset, surfacing, written) in
-        [(&bare_with_uvs, Surfacing::Kept, Written::Kept), (&bare, Surfacing::Maps, Written::Decimated)]
+    for (asset, appearance, written) in
+        [(&bare_with_uvs, Appearance::Kept, Written::Kept), (&bare, Appearance::Maps, Written::Decimated)]
     {
         let o = SimplifyOptions {
             max_bytes: Some(whole / 5),
             triangles_by_bytes: true,
             own_textures: true,
-            surfacing,
+            appearance,
             steps: 1,
             ..options()
         };
@@ -250,7 +250,7 @@ fn own_textures_of_an_asset_with_glass_are_written_too() {
     let volume = |m: &Material| Some(m.extensions.as_ref()?.volume.as_ref()?.thickness);
     let thickness = light.materials.iter().find_map(volume).unwrap();
     assert!((thickness - 0.4).abs() < 1e-6, "{thickness} in the units of the written mesh");
-    let kept = SimplifyOptions { surfacing: Surfacing::Kept, ..of_glass() };
+    let kept = SimplifyOptions { appearance: Appearance::Kept, ..of_glass() };
     let (kept, as_kept) = with_own(&glazed(), &path, Some(22_000), kept);
     assert_eq!(kept.written, Written::Kept);
     assert!(as_kept == file, "the same decimation and textures without a fit");
@@ -354,7 +354,7 @@ fn textures_that_fit_stay_as_they_were_read() {
     asset.images[0] = asset.stored_as(0, TextureEncoding::Jpeg { quality: 70 }).unwrap();
     asset.images[0].encoding = TextureEncoding::Png;
     let dir = tempfile::tempdir().unwrap();
-    let kept = SimplifyOptions { surfacing: Surfacing::Kept, ..options() };
+    let kept = SimplifyOptions { appearance: Appearance::Kept, ..options() };
     let (made, _) = with_own(&asset, &dir.path().join("a.glb"), Some(40_000), kept);
     assert!(made.textures.contains("JPEG, as in the asset"), "{}", made.textures);
 }

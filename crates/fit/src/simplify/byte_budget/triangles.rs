@@ -1,7 +1,7 @@
 //! The triangles that bytes hold.
 
 use crate::FitError;
-use crate::simplify::FEWEST;
+use crate::simplify::MIN_TRIANGLES;
 use photofit_scene::{Compression, Material, Scene, to_glb_with};
 
 /// Part of a file's bytes that geometry may take where the budget of triangles follows from bytes: a convention, which no
@@ -54,7 +54,7 @@ pub(in crate::simplify) fn others(
         for _ in 0..CORRECTIONS {
             let slope = (last[0] - before[0]) / (last[1] - before[1]);
             let aimed = last[0] + slope * ((1.0 - UNUSED / 2.0) * room - last[1]);
-            let triangles = (aimed.max(0.0) as usize).clamp(FEWEST.min(all), all);
+            let triangles = (aimed.max(0.0) as usize).clamp(MIN_TRIANGLES.min(all), all);
             if !slope.is_finite() || triangles as f64 == last[0] || stop() {
                 break;
             }
@@ -103,7 +103,7 @@ pub(super) fn geometry(scene: &Scene, compression: Compression) -> Result<[f64; 
 /// The triangles of a scene that so many bytes hold, where all take `geometry`.
 fn triangles_in(scene: &Scene, bytes: f64, geometry: f64) -> usize {
     let all = scene.triangle_count().max(1);
-    ((all as f64 * bytes / geometry) as usize).clamp(FEWEST.min(all), all)
+    ((all as f64 * bytes / geometry) as usize).clamp(MIN_TRIANGLES.min(all), all)
 }
 
 #[cfg(test)]

@@ -26,7 +26,7 @@ fn free_levels_need_files_that_hold_them_and_maps_that_are_fitted() {
         let told = refused(SimplifyOptions { texture_encoding: encoding, ..free() });
         assert!(told.starts_with("mips is free; it needs ktx2 textures"), "{told}");
     }
-    let told = refused(SimplifyOptions { surfacing: Surfacing::VertexColors, ..free() });
+    let told = refused(SimplifyOptions { appearance: Appearance::VertexColors, ..free() });
     assert!(told.contains("needs new maps"), "{told}");
     let told = refused(SimplifyOptions { texture_size: 102, ..free() });
     assert!(told.contains("multiple of 4"), "{told}");

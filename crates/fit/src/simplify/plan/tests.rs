@@ -205,15 +205,15 @@ fn where_occlusion_comes_from_is_told() {
     for (occlusion, expected) in
         [(Occlusion::Maps, Runs::No), (Occlusion::None, Runs::No), (Occlusion::Rays(rays), Runs::Yes)]
     {
-        let plan = clay.clone().with_surfacing(Surfacing::Maps).with_occlusion(occlusion);
+        let plan = clay.clone().with_appearance(Appearance::Maps).with_occlusion(occlusion);
         assert_eq!(runs(&plan, "occlusion textures"), expected, "{occlusion:?}");
         assert_eq!(plan.to_string().contains("77 rays a texel"), expected == Runs::Yes, "{plan}");
     }
     let slot = TextureSlot::new(0);
     let occluded = scene(Material { occlusion_texture: Some(slot), ..Material::clay() });
-    for (surfacing, expected) in [(Surfacing::Maps, Runs::Yes), (Surfacing::VertexColors, Runs::No)] {
-        let plan = FitPlan::new(&occluded).with_surfacing(surfacing).with_occlusion(Occlusion::Maps);
-        assert_eq!(runs(&plan, "occlusion textures"), expected, "{surfacing:?}");
+    for (appearance, expected) in [(Appearance::Maps, Runs::Yes), (Appearance::VertexColors, Runs::No)] {
+        let plan = FitPlan::new(&occluded).with_appearance(appearance).with_occlusion(Occlusion::Maps);
+        assert_eq!(runs(&plan, "occlusion textures"), expected, "{appearance:?}");
         assert_eq!(plan.to_string().contains("have one: left out"), expected == Runs::No, "{plan}");
     }
     // What options leave out, the asset alone does not promise.
@@ -230,7 +230,7 @@ fn textures_of_occlusion_and_extensions_are_read() {
         s.primitives[0].mesh.uvs1 = s.primitives[0].mesh.uvs.clone();
         s.images =
             vec![TextureImage { width: 1, height: 1, texels: vec![[9; 4]], ..TextureImage::default() }];
-        let plan = FitPlan::new(&s).with_surfacing(Surfacing::Maps).with_occlusion(occlusion);
+        let plan = FitPlan::new(&s).with_appearance(Appearance::Maps).with_occlusion(occlusion);
         assert_eq!(runs(&FitPlan::new(&s), "texture coordinates 0"), Runs::No);
         ["texture coordinates 0", "texture coordinates 1", "textures"].map(|what| runs(&plan, what))
     };
@@ -391,7 +391,7 @@ fn what_was_written_is_what_the_plan_tells() {
     mesh.colors = vec![photofit_scalar::vec4(1.0, 0.5, 0.2, 1.0); mesh.positions.len()];
     let planned = fit(&velvet, &candidate(AlphaMode::Opaque, |_, _| {}));
     let told = |written, steps| {
-        planned.clone().with_surfacing(Surfacing::Maps).with_result(written, [steps; 2], None).to_string()
+        planned.clone().with_appearance(Appearance::Maps).with_result(written, [steps; 2], None).to_string()
     };
     let (new, own) = (
         ["an atlas has new ones", "their textures as mean values", "baked into the base colour"],
@@ -410,7 +410,8 @@ fn what_was_written_is_what_the_plan_tells() {
     let chosen = |choice| {
         planned.clone().with_result(Written::Fitted, [9; 2], None).with_choice(Some(choice)).to_string()
     };
-    let (clear, close) = (chosen((4, false)), chosen((28, true)));
+    let (clear, close) =
+        (chosen(Certainty { views: 4, close: false }), chosen(Certainty { views: 28, close: true }));
     assert!(clear.contains("what was fitted; chosen in 4 views\n"), "{clear}");
     assert!(close.contains("chosen in 28 views, and something else may be better yet"), "{close}");
     let open = planned.to_string();
@@ -418,7 +419,7 @@ fn what_was_written_is_what_the_plan_tells() {
     let still = told(Written::Baked, 0);
     assert!(still.contains("skip position gradients     no steps are made"), "{still}");
     // Nothing is baked or fitted where the asset keeps its surface.
-    let kept = FitPlan::new(&velvet).with_surfacing(Surfacing::Kept).with_occlusion(Occlusion::Maps);
+    let kept = FitPlan::new(&velvet).with_appearance(Appearance::Kept).with_occlusion(Occlusion::Maps);
     let kept = kept.with_options(0, ReferenceKind::RASTERIZED, &Lighting::Mixed);
     for plan in [kept.clone(), kept.with_result(Written::Kept, [0; 2], None)] {
         let text = plan.to_string();

@@ -104,8 +104,8 @@ fn choices() -> Vec<Case> {
         || with_texel(Material { occlusion_texture: slot(0), ..Material::clay() }, [99, 0, 0, 255]);
     let all =
         SimplifyOptions { max_bytes: Some(1 << 24), triangles_by_bytes: true, own_textures: true, ..quick() };
-    let colors = SimplifyOptions { surfacing: Surfacing::VertexColors, ..quick() };
-    let kept = SimplifyOptions { surfacing: Surfacing::Kept, target: Target::Ratio(0.5), ..quick() };
+    let colors = SimplifyOptions { appearance: Appearance::VertexColors, ..quick() };
+    let kept = SimplifyOptions { appearance: Appearance::Kept, target: Target::Ratio(0.5), ..quick() };
     let normal = SimplifyOptions { effort: Effort::Normal, ..quick() };
     let rays = OcclusionRays { rays: 8, ..OcclusionRays::default() };
     let occlusion = |occlusion| SimplifyOptions { occlusion, ..quick() };
@@ -166,7 +166,7 @@ fn check_figures(case: &Case, resolved: &SimplifyOptions, made: &Outcome) {
     let Case { name, scene, options } = case;
     let told = PlanRows::from(&made.plan);
     let row = |what: &str| told.items.iter().find(|i| i.what == what);
-    let kept = options.surfacing == Surfacing::Kept;
+    let kept = options.appearance == Appearance::Kept;
     match (options.steps, resolved.steps) {
         _ if kept => assert_eq!(row("steps"), None, "{name}"),
         (0, _) => assert_eq!(row("steps"), None, "{name}"),
@@ -180,19 +180,19 @@ fn check_figures(case: &Case, resolved: &SimplifyOptions, made: &Outcome) {
     let starts: &[&str] = match (options.init, options.effort) {
         _ if kept => &[],
         (Init::Sphere, _) => &["sphere"],
-        (Init::Decimate, Effort::Fast) => &["wrapped"],
-        _ => &["baked", "wrapped"],
+        (Init::Decimate, Effort::Fast) => &["shrink-wrapped"],
+        _ => &["baked", "shrink-wrapped"],
     };
     let named: Vec<&str> =
         Written::STARTS.map(Written::name).into_iter().filter(|s| stages.contains(s)).collect();
     assert_eq!(named, starts, "{name}: {stages:?}");
-    let maps = if options.surfacing == Surfacing::VertexColors { "colours of vertices" } else { "maps" };
+    let maps = if options.appearance == Appearance::VertexColors { "colours of vertices" } else { "maps" };
     let expected = match made.written {
         Written::Fitted if made.steps == 0 => "what the fit was to start from".to_owned(),
         Written::Fitted => "what was fitted".to_owned(),
         Written::Rebaked => format!("the fitted shape, its {maps} baked anew"),
         Written::Baked => format!("the start: the decimated shape with baked {maps}"),
-        Written::Wrapped => {
+        Written::ShrinkWrapped => {
             format!("the start: the decimated shape, drawn onto the asset's surface, with baked {maps}")
         }
         Written::Sphere => format!("the start: a sphere, drawn onto the asset's surface, with baked {maps}"),
@@ -237,7 +237,7 @@ fn check_parameters(name: &str, start: &Outcome, made: &Outcome) -> bool {
     let coarse = told.runs("free mip levels") == Some(Runs::Yes);
     for (what, mut group) in [
         ("base colour gradients", channel::BASE_COLOR..channel::ALPHA),
-        ("alpha gradients", channel::ALPHA..channel::GAMMA),
+        ("alpha gradients", channel::ALPHA..channel::SPECULAR_SUPPRESSION),
         ("roughness gradients", channel::ROUGHNESS..channel::METALLIC),
         ("metalness gradients", channel::METALLIC..channel::NORMAL),
         ("normal gradients", channel::NORMAL..channel::EMISSIVE),
@@ -260,7 +260,7 @@ fn check(case: &Case, path: &Path) -> bool {
     let made = simplify(scene, path, options, &Silent).unwrap();
     let wrong = contradictions(&before, &made.plan, &[], made.fit_stopped);
     assert!(wrong.is_empty(), "{name}: {wrong:#?}");
-    let kept = options.surfacing == Surfacing::Kept;
+    let kept = options.appearance == Appearance::Kept;
     let may_go: &[&str] = if kept { &OF_A_FIT } else { &[] };
     let wrong = contradictions(&FitPlan::new(scene), &made.plan, may_go, false);
     assert!(wrong.is_empty(), "{name}, inspected: {wrong:#?}");
@@ -317,7 +317,7 @@ fn plans_of_levels_say_what_they_start_from() {
     };
     let made = simplify_chain(&rock(), &dir.path().join("a.glb"), &chain, &Silent).unwrap();
     assert_eq!(made.levels.len(), 2);
-    for (k, starts) in [&["sphere"][..], &["baked", "wrapped"]].into_iter().enumerate() {
+    for (k, starts) in [&["sphere"][..], &["baked", "shrink-wrapped"]].into_iter().enumerate() {
         let outcome = &made.levels[k].outcome;
         let stages: Vec<&str> = outcome.stages.iter().map(|s| s.0).collect();
         let named = Written::STARTS.map(Written::name).into_iter().filter(|s| stages.contains(s));

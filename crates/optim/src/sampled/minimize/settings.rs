@@ -8,7 +8,7 @@ use super::walk::{Step, Stepper};
 use crate::OptimError;
 use crate::Temporal;
 use crate::sampled::error::SampledError;
-use crate::sampled::estimate::{Estimator, Kernel, Tuple};
+use crate::sampled::estimate::{Estimator, Kernel, Stencil};
 use crate::sampled::objective::{GROUP, Objective, positive};
 
 /// A stage is over when a step wants to be shorter than this, in sigmas: the next stage will move on.
@@ -59,14 +59,14 @@ impl Default for Settings {
         Self {
             annealing: Annealing::default(),
             gradient: Estimator {
-                tuple: Tuple::Four,
+                stencil: Stencil::FourPoint,
                 samples: 2,
                 kernel: Kernel::Coordinates,
                 stratified: true,
             },
             most_samples: 8,
             curvature: Estimator {
-                tuple: Tuple::Four,
+                stencil: Stencil::FourPoint,
                 samples: 2,
                 kernel: Kernel::Coordinates,
                 stratified: true,

@@ -99,7 +99,7 @@ fn one_parameter_and_a_thousand() {
         x.iter().enumerate().map(|(i, x)| (1.0 + (i % 7) as f64) * (x - 0.1).powi(2)).sum::<f64>()
     };
     for method in [Method::adam(0.2), Method::NewtonCg { restart: 20 }, Method::l_bfgs()] {
-        let gradient = Estimator { samples: 1, tuple: Tuple::Four, ..Estimator::default() };
+        let gradient = Estimator { samples: 1, stencil: Stencil::FourPoint, ..Estimator::default() };
         let annealing = Annealing::linear(0.3, 0.02, if method == Method::adam(0.2) { 30 } else { 4 });
         let annealing = Annealing {
             advance: if annealing.stages > 4 { Advance::Every(1) } else { Advance::Every(5) },

@@ -10,7 +10,7 @@ mod variance;
 
 use std::convert::Infallible;
 
-use super::{BlackBox, Estimate, Estimator, Kernel, Objective, SamplePoint, SmoothedLoss, Tuple, serial};
+use super::{BlackBox, Estimate, Estimator, Kernel, Objective, SamplePoint, SmoothedLoss, Stencil, serial};
 
 /// A deterministic objective of `n` parameters of scale 1.
 fn smooth(n: usize, f: impl Fn(&[f64]) -> f64) -> SmoothedLoss<impl BlackBox<Error = Infallible>> {
@@ -30,8 +30,8 @@ fn step(x: &[f64]) -> f64 {
 /// Point of the table: 1-D, sigma 0.7.
 const AT: SamplePoint<'_> = SamplePoint { theta: &[0.4], sigma: 0.7, seed: 1 };
 
-fn estimator(samples: usize, tuple: Tuple, kernel: Kernel) -> Estimator {
-    Estimator { samples, tuple, kernel, stratified: false }
+fn estimator(samples: usize, stencil: Stencil, kernel: Kernel) -> Estimator {
+    Estimator { samples, stencil, kernel, stratified: false }
 }
 
 /// Derivatives of the smoothed step at `x`: the normal density and its derivative.

@@ -13,7 +13,7 @@ fn members_of_a_group_share_a_seed_and_groups_do_not() {
         Ok::<_, Infallible>(0.0)
     });
     let mut objective = SmoothedLoss::new(f, 1).expect("parameters");
-    value(objective.gradient(AT, estimator(3, Tuple::Four, Kernel::Coordinates)));
+    value(objective.gradient(AT, estimator(3, Stencil::FourPoint, Kernel::Coordinates)));
     drop(objective);
     let seeds: Vec<u64> = seen.chunks_exact(4).map(|g| g[0].1).collect();
     assert!(seen.chunks_exact(4).all(|g| g.iter().all(|p| p.1 == g[0].1)));
@@ -32,7 +32,7 @@ fn noise_of_the_renderer_cancels_within_a_group_only_if_it_is_the_same() {
         calls += 1;
         Ok::<_, Infallible>(quadratic(x) + noise(seed ^ calls.wrapping_mul(0x9e37_79b9_7f4a_7c15)))
     });
-    let estimator = estimator(5000, Tuple::Four, Kernel::Coordinates);
+    let estimator = estimator(5000, Stencil::FourPoint, Kernel::Coordinates);
     let clean = value(smooth(1, quadratic).hessian(AT, estimator)).variance[0];
     let common = value(SmoothedLoss::new(common, 1).expect("parameters").hessian(AT, estimator)).variance[0];
     let fresh = value(SmoothedLoss::new(fresh, 1).expect("parameters").hessian(AT, estimator)).variance[0];
@@ -77,9 +77,9 @@ fn all_points_of_an_estimate_come_in_one_batch_of_bounded_size() {
     let batches = Mutex::new(Vec::new());
     let mut objective = SmoothedLoss::new(Whole(&batches), 3).expect("parameters");
     let at = SamplePoint { theta: &[0.0; 3], sigma: 1.0, seed: 0 };
-    value(objective.gradient(at, estimator(5, Tuple::Antithetic, Kernel::Coordinates)));
+    value(objective.gradient(at, estimator(5, Stencil::Antithetic, Kernel::Coordinates)));
     assert_eq!(*batches.lock().expect("one thread"), vec![30]);
-    value(objective.gradient(at, estimator(20_000, Tuple::Antithetic, Kernel::Coordinates)));
+    value(objective.gradient(at, estimator(20_000, Stencil::Antithetic, Kernel::Coordinates)));
     assert!(batches.lock().expect("one thread").iter().all(|n| *n <= 1 << 14));
     assert_eq!(objective.evaluations(), 30 + 120_000);
 }
@@ -90,7 +90,7 @@ fn single_precision_parameters_are_served() {
     let e = value(
         SmoothedLoss::new(f, 1)
             .expect("parameters")
-            .gradient(AT, estimator(20_000, Tuple::Four, Kernel::Coordinates)),
+            .gradient(AT, estimator(20_000, Stencil::FourPoint, Kernel::Coordinates)),
     );
     assert!((e.value[0] - 0.8).abs() < 0.01, "{e:?}");
 }

@@ -73,7 +73,7 @@ fn average(runs: u64, mut estimate: impl FnMut(u64) -> f64) -> (f64, f64) {
 #[test]
 fn losses_and_images_are_smoothed_as_asked() {
     let (x, sigma) = (0.42, 0.2);
-    let estimator = estimator(4, Tuple::Four, Kernel::Coordinates);
+    let estimator = estimator(4, Stencil::FourPoint, Kernel::Coordinates);
     let mut values = Vec::new();
     for smoothing in [Smoothing::Loss, Smoothing::Image { image_samples: 16 }] {
         let mut objective = RenderedLoss::new(Bar, target(), vec![1.0], smoothing).expect("an objective");
@@ -108,10 +108,12 @@ fn every_picture_is_counted() {
     let smoothing = Smoothing::Image { image_samples: 10 };
     let mut objective = RenderedLoss::new(Bar, target(), vec![1.0], smoothing).expect("an objective");
     let at = SamplePoint { theta: &[0.4], sigma: 0.2, seed: 1 };
-    let e = objective.gradient(at, estimator(3, Tuple::Antithetic, Kernel::Coordinates)).expect("a gradient");
-    assert_eq!((e.evaluations, objective.evaluations()), (16, 16));
     let e =
-        objective.curvature(at, &[1.0], estimator(3, Tuple::Four, Kernel::Coordinates)).expect("a curvature");
+        objective.gradient(at, estimator(3, Stencil::Antithetic, Kernel::Coordinates)).expect("a gradient");
+    assert_eq!((e.evaluations, objective.evaluations()), (16, 16));
+    let e = objective
+        .curvature(at, &[1.0], estimator(3, Stencil::FourPoint, Kernel::Coordinates))
+        .expect("a curvature");
     assert_eq!((e.evaluations, objective.evaluations()), (10 + 12 + 2 * 6, 50));
 }
 
@@ -183,7 +185,8 @@ fn grey_boxes_have_exact_second_order_and_need_the_curvature_of_the_inner_functi
     let pure = |a: f64, b: f64| (shifted(a, b) - 2.0 * whole(&x) + shifted(-a, -b)) / (h * h);
     let hessian = [pure(1.0, 0.0), mixed, mixed, pure(0.0, 1.0)];
 
-    let estimator = Estimator { stratified: true, ..estimator(20_000, Tuple::Four, Kernel::Coordinates) };
+    let estimator =
+        Estimator { stratified: true, ..estimator(20_000, Stencil::FourPoint, Kernel::Coordinates) };
     let at = SamplePoint { theta: &x, sigma: 0.1, seed: 5 };
     let close = |name: &str, got: &[f64], expected: &[f64]| {
         for (g, e) in got.iter().zip(expected) {

@@ -44,10 +44,10 @@ fn plateaus_say_so_and_move_nothing() {
     }
     // Far from a step, an estimate without cancellation is not zero: it is marked.
     let far = SamplePoint { theta: &[1e3], ..AT };
-    let e = value(smooth(1, step).gradient(far, estimator(7, Tuple::Plain, Kernel::Coordinates)));
+    let e = value(smooth(1, step).gradient(far, estimator(7, Stencil::Plain, Kernel::Coordinates)));
     assert!(!e.informative && e.value[0] != 0.0, "{e:?}");
     assert!(
-        value(smooth(1, step).gradient(AT, estimator(50, Tuple::Plain, Kernel::Coordinates))).informative
+        value(smooth(1, step).gradient(AT, estimator(50, Stencil::Plain, Kernel::Coordinates))).informative
     );
 }
 
@@ -62,7 +62,7 @@ fn values_that_are_not_finite_are_named() {
         let mut objective = SmoothedLoss::new(f, 2).expect("parameters");
         let at = SamplePoint { theta: &[0.5, 0.25], sigma: 0.1, seed: 3 };
         let error = objective
-            .gradient(at, estimator(2, Tuple::Antithetic, Kernel::Coordinates))
+            .gradient(at, estimator(2, Stencil::Antithetic, Kernel::Coordinates))
             .expect_err("not finite");
         let SampledError::NonFinite { evaluation, ref point, value, .. } = error else {
             panic!("{error:?}");
@@ -151,7 +151,7 @@ fn directions_without_length_cost_nothing() {
     assert_eq!(value(objective.hessian_product(at, &[0.0, 0.0], Estimator::default())).value, [0.0, 0.0]);
     assert_eq!(objective.evaluations(), 0);
     // Lengths whose squares vanish or overflow are lengths all the same.
-    let estimator = estimator(2000, Tuple::Four, Kernel::Coordinates);
+    let estimator = estimator(2000, Stencil::FourPoint, Kernel::Coordinates);
     for size in [1e-170, 1e170] {
         let e = value(objective.hessian_product(at, &[size, 0.0], estimator));
         assert!((e.value[0] / size - 2.0).abs() < 0.5, "{size:e}: {:?}", e.value);
@@ -165,6 +165,6 @@ fn sigma_below_the_resolution_of_theta_is_a_plateau() {
     // At zero it is not: the smallest steps still count.
     let at = SamplePoint { theta: &[0.0, 0.0], sigma: 1e-120, seed: 1 };
     let slope = |x: &[f64]| 3.0 * x[0] - x[1];
-    let e = value(smooth(2, slope).gradient(at, estimator(20_000, Tuple::Four, Kernel::Coordinates)));
+    let e = value(smooth(2, slope).gradient(at, estimator(20_000, Stencil::FourPoint, Kernel::Coordinates)));
     assert!((e.value[0] - 3.0).abs() < 0.1 && (e.value[1] + 1.0).abs() < 0.1, "{e:?}");
 }

@@ -1,17 +1,17 @@
-//! Estimates against exact derivatives: quadratic and step, every kernel and tuple.
+//! Estimates against exact derivatives: quadratic and step, every kernel and stencil.
 
 use super::*;
 use crate::sampled::noise::Noise;
 
 const SAMPLES: usize = 1_000_000;
 
-/// Every way to draw samples, with [`SAMPLES`] evaluations for each parameter, or in all, for 4-tuples.
+/// Every way to draw samples, with [`SAMPLES`] evaluations for each parameter, or in all, for 4-point stencils.
 fn estimators() -> Vec<Estimator> {
     let mut estimators = Vec::new();
     for kernel in [Kernel::Coordinates, Kernel::Aggregate, Kernel::Score] {
-        for tuple in [Tuple::Plain, Tuple::Antithetic, Tuple::Four] {
+        for stencil in [Stencil::Plain, Stencil::Antithetic, Stencil::FourPoint] {
             let samples = if kernel == Kernel::Score { SAMPLES / 20 } else { SAMPLES / 4 };
-            estimators.push(estimator(samples, tuple, kernel));
+            estimators.push(estimator(samples, stencil, kernel));
         }
     }
     estimators
@@ -101,7 +101,7 @@ fn hessians() {
 #[test]
 fn single_entries_and_the_diagonal_equal_those_of_the_matrix() {
     let (_, exact) = quadrant_derivatives(&THETA, [0.7, 1.12]);
-    let estimator = estimator(SAMPLES / 4, Tuple::Four, Kernel::Coordinates);
+    let estimator = estimator(SAMPLES / 4, Stencil::FourPoint, Kernel::Coordinates);
     check(
         "diagonal",
         estimator,
@@ -118,8 +118,8 @@ fn products_and_curvatures() {
     let v = [0.8, -1.7];
     let times = |h: &[f64; 4]| [h[0] * v[0] + h[1] * v[1], h[2] * v[0] + h[3] * v[1]];
     let along = |h: &[f64; 4]| [times(h)[0] * v[0] + times(h)[1] * v[1]];
-    for (seed, tuple) in [Tuple::Plain, Tuple::Antithetic, Tuple::Four].into_iter().enumerate() {
-        let estimator = estimator(SAMPLES / 4, tuple, Kernel::Coordinates);
+    for (seed, stencil) in [Stencil::Plain, Stencil::Antithetic, Stencil::FourPoint].into_iter().enumerate() {
+        let estimator = estimator(SAMPLES / 4, stencil, Kernel::Coordinates);
         let at = at(10 + seed as u64);
         // On the quadratic also the sign: the published product has it flipped.
         check(
@@ -154,7 +154,7 @@ fn product_by_differences_has_common_random_numbers() {
     let v = [0.8, -1.7];
     let exact = [HESSIAN[0] * v[0] + HESSIAN[1] * v[1], HESSIAN[2] * v[0] + HESSIAN[3] * v[1]];
     // Each difference is an independent estimate: their scatter is the error.
-    let estimator = estimator(8, Tuple::Antithetic, Kernel::Coordinates);
+    let estimator = estimator(8, Stencil::Antithetic, Kernel::Coordinates);
     let runs = 4000;
     let mut mean = [0.0; 2];
     let mut squares = [0.0; 2];
@@ -175,7 +175,7 @@ fn product_by_differences_has_common_random_numbers() {
 fn reported_variances_are_those_seen() {
     let runs = 3000;
     for kernel in [Kernel::Coordinates, Kernel::Aggregate] {
-        let estimator = estimator(16, Tuple::Antithetic, kernel);
+        let estimator = estimator(16, Stencil::Antithetic, kernel);
         let (mut mean, mut square, mut reported) = (0.0, 0.0, 0.0);
         for seed in 0..runs {
             let e = value(scaled(quadrant).gradient(at(seed), estimator));
@@ -193,7 +193,8 @@ fn samples_follow_their_kernels() {
     // Chi-square of the perturbations that the black box sees, along the axis: 40 bins of equal mass.
     let bins = 40;
     let mut counts = vec![0_u32; bins];
-    let estimator = Estimator { stratified: false, ..estimator(20_000, Tuple::Four, Kernel::Coordinates) };
+    let estimator =
+        Estimator { stratified: false, ..estimator(20_000, Stencil::FourPoint, Kernel::Coordinates) };
     let mut seen = Vec::new();
     let f = serial(|x: &[f64], _| {
         seen.push(x[0]);
@@ -202,10 +203,10 @@ fn samples_follow_their_kernels() {
     let mut objective = SmoothedLoss::new(f, 1).expect("parameters");
     value(objective.hessian(SamplePoint { theta: &[0.0], sigma: 1.0, seed: 4 }, estimator));
     drop(objective);
-    // One of each tuple at random: its four points depend on each other.
+    // One of each stencil at random: its four points depend on each other.
     let mut noise = Noise::new(9, 9);
-    for tuple in seen.chunks_exact(4) {
-        let t = tuple[(4.0 * noise.uniform()) as usize];
+    for stencil in seen.chunks_exact(4) {
+        let t = stencil[(4.0 * noise.uniform()) as usize];
         counts[((crate::sampled::kernel::hessian_cdf(t) * bins as f64) as usize).min(bins - 1)] += 1;
     }
     let expected = 20_000.0 / bins as f64;

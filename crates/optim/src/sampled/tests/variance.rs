@@ -6,20 +6,20 @@ use crate::sampled::noise::Noise;
 
 type Function = fn(&[f64]) -> f64;
 
-fn gradient_cost(f: Function, tuple: Tuple, kernel: Kernel) -> f64 {
-    cost(&value(smooth(1, f).gradient(AT, estimator(200_000, tuple, kernel))))
+fn gradient_cost(f: Function, stencil: Stencil, kernel: Kernel) -> f64 {
+    cost(&value(smooth(1, f).gradient(AT, estimator(200_000, stencil, kernel))))
 }
 
-fn hessian_cost(f: Function, tuple: Tuple, kernel: Kernel) -> f64 {
-    cost(&value(smooth(1, f).hessian(AT, estimator(200_000, tuple, kernel))))
+fn hessian_cost(f: Function, stencil: Stencil, kernel: Kernel) -> f64 {
+    cost(&value(smooth(1, f).hessian(AT, estimator(200_000, stencil, kernel))))
 }
 
 #[test]
 fn variance_times_cost_is_that_of_the_specification() {
     use Kernel::{Coordinates, Score};
-    use Tuple::{Antithetic, Four, Plain};
-    let columns = [(Plain, Coordinates), (Antithetic, Coordinates), (Four, Coordinates), (Plain, Score)];
-    type Cost = fn(Function, Tuple, Kernel) -> f64;
+    use Stencil::{Antithetic, FourPoint, Plain};
+    let columns = [(Plain, Coordinates), (Antithetic, Coordinates), (FourPoint, Coordinates), (Plain, Score)];
+    type Cost = fn(Function, Stencil, Kernel) -> f64;
     let rows: [(&str, Cost, Function, [f64; 4]); 4] = [
         ("gradient, quadratic", gradient_cost, quadratic, [87.0, 0.088, 0.0046, 196.0]),
         ("gradient, step", gradient_cost, step, [0.52, 0.083, 0.068, 0.83]),
@@ -27,10 +27,10 @@ fn variance_times_cost_is_that_of_the_specification() {
         ("Hessian, step", hessian_cost, step, [2.6, 4.0, 0.16, 4.8]),
     ];
     for (name, measure, f, expected) in rows {
-        for ((tuple, kernel), expected) in columns.into_iter().zip(expected) {
-            let got = measure(f, tuple, kernel);
-            println!("{name} {tuple:?} {kernel:?}: {got:.4} (specification {expected})");
-            assert!((got / expected).ln().abs() < 0.1, "{name} {tuple:?} {kernel:?}: {got} for {expected}");
+        for ((stencil, kernel), expected) in columns.into_iter().zip(expected) {
+            let got = measure(f, stencil, kernel);
+            println!("{name} {stencil:?} {kernel:?}: {got:.4} (specification {expected})");
+            assert!((got / expected).ln().abs() < 0.1, "{name} {stencil:?} {kernel:?}: {got} for {expected}");
         }
     }
 }
@@ -38,18 +38,18 @@ fn variance_times_cost_is_that_of_the_specification() {
 #[test]
 fn the_published_pair_does_not_help_hessians() {
     for f in [quadratic as Function, step] {
-        let [plain, pair, four] =
-            [Tuple::Plain, Tuple::Antithetic, Tuple::Four].map(|t| hessian_cost(f, t, Kernel::Coordinates));
+        let [plain, pair, four] = [Stencil::Plain, Stencil::Antithetic, Stencil::FourPoint]
+            .map(|t| hessian_cost(f, t, Kernel::Coordinates));
         assert!(pair > 1.3 * plain, "{pair} against {plain}");
         assert!(four <= 0.25 * plain, "{four} against {plain}");
     }
 }
 
 /// Slope of the root mean square error over the number of samples.
-fn slope(stratified: bool, estimate: impl Fn(Estimator, u64) -> f64, exact: f64, tuple: Tuple) -> f64 {
+fn slope(stratified: bool, estimate: impl Fn(Estimator, u64) -> f64, exact: f64, stencil: Stencil) -> f64 {
     let runs = 300;
     let error = |samples: usize| {
-        let estimator = Estimator { samples, tuple, kernel: Kernel::Coordinates, stratified };
+        let estimator = Estimator { samples, stencil, kernel: Kernel::Coordinates, stratified };
         let square: f64 = (0..runs).map(|seed| (estimate(estimator, seed) - exact).powi(2)).sum();
         (square / runs as f64).sqrt()
     };
@@ -65,8 +65,8 @@ fn errors_fall_with_the_root_of_the_samples_and_faster_in_strata() {
         |estimator, seed| value(smooth(1, step).hessian(SamplePoint { seed, ..AT }, estimator)).value[0];
     let (g, h) = smoothed_step(0.4, 0.7);
     for (name, slopes) in [
-        ("gradient", [false, true].map(|s| slope(s, gradient, g, Tuple::Antithetic))),
-        ("Hessian", [false, true].map(|s| slope(s, hessian, h, Tuple::Four))),
+        ("gradient", [false, true].map(|s| slope(s, gradient, g, Stencil::Antithetic))),
+        ("Hessian", [false, true].map(|s| slope(s, hessian, h, Stencil::FourPoint))),
     ] {
         println!("{name}: slopes {slopes:?}");
         assert!((-0.55..=-0.45).contains(&slopes[0]), "{name}: {slopes:?}");
@@ -89,7 +89,7 @@ fn directional(n: usize, f: Function) -> f64 {
     let d = vec![1.0 / (n as f64).sqrt(); n];
     let theta: Vec<f64> = d.iter().map(|d| 0.4 * d).collect();
     let at = SamplePoint { theta: &theta, sigma: 0.7, seed: 3 };
-    let e = value(smooth(n, f).curvature(at, &d, estimator(20_000, Tuple::Four, Kernel::Coordinates)));
+    let e = value(smooth(n, f).curvature(at, &d, estimator(20_000, Stencil::FourPoint, Kernel::Coordinates)));
     cost(&e)
 }
 
@@ -108,7 +108,7 @@ fn curvature_beats_differences_of_gradients_and_these_need_common_numbers() {
     let d = vec![1.0 / (n as f64).sqrt(); n];
     // Far out across `d`: the gradients are large, their difference is not.
     let theta: Vec<f64> = d.iter().enumerate().map(|(i, d)| 0.4 * d + [2.0, -2.0][i % 2]).collect();
-    let plan_for = |samples| estimator(samples, Tuple::Antithetic, Kernel::Aggregate);
+    let plan_for = |samples| estimator(samples, Stencil::Antithetic, Kernel::Aggregate);
     let runs = 600;
     let scatter = |f: Function, estimate: &dyn Fn(Function, u64) -> (f64, f64)| {
         let all: Vec<(f64, f64)> = (0..runs).map(|seed| estimate(f, seed)).collect();
@@ -132,7 +132,7 @@ fn curvature_beats_differences_of_gradients_and_these_need_common_numbers() {
     };
     for f in [spread as Function, half_space] {
         let (ours, common, independent) = (directional(n, f), scatter(f, &common), scatter(f, &independent));
-        println!("4-tuple {ours:.3}, common {common:.3}, independent {independent:.1}");
+        println!("4-point stencil {ours:.3}, common {common:.3}, independent {independent:.1}");
         assert!(ours < common && common < 0.5 * independent, "{ours} {common} {independent}");
     }
 }
@@ -151,7 +151,7 @@ fn aggregate_weights_have_bounded_tails_and_single_densities_do_not() {
     let f = |x: &[f64]| step(x) + 0.5 * x[1];
     for hessian in [false, true] {
         let mut objective = smooth(2, f);
-        let estimator = estimator(1, Tuple::Plain, Kernel::Aggregate);
+        let estimator = estimator(1, Stencil::Plain, Kernel::Aggregate);
         let mut entries = vec![Vec::new(); if hessian { 4 } else { 2 }];
         for seed in 0..runs {
             let at = SamplePoint { theta: &[0.4, 0.1], sigma: 0.7, seed };
@@ -183,7 +183,7 @@ fn aggregate_weights_have_bounded_tails_and_single_densities_do_not() {
 fn four_points_cancel_constants_and_lines_exactly() {
     let line = |x: &[f64]| 7.0 + 2.0 * x[0] - 3.0 * x[1];
     let at = SamplePoint { theta: &[0.25, -0.5], sigma: 0.5, seed: 8 };
-    let estimator = estimator(50, Tuple::Four, Kernel::Coordinates);
+    let estimator = estimator(50, Stencil::FourPoint, Kernel::Coordinates);
     let hessian = value(smooth(2, line).hessian(at, estimator));
     let curvature = value(smooth(2, line).curvature(at, &[0.6, 0.8], estimator));
     for v in hessian.value.iter().chain(&curvature.value) {

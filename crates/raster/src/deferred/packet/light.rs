@@ -125,7 +125,7 @@ impl<T: Real> Packet<T> {
         add(&mut self.g_texel, channel::BASE_COLOR, lane, d.surface.base_color);
         self.g_texel[channel::ROUGHNESS][lane] += d.surface.roughness;
         self.g_texel[channel::METALLIC][lane] += d.surface.metallic;
-        self.g_texel[channel::GAMMA][lane] += d.surface.gamma;
+        self.g_texel[channel::SPECULAR_SUPPRESSION][lane] += d.surface.gamma;
         add(&mut self.g_attributes, POSITION, lane, d.position);
         add(&mut self.g_normal, 0, lane, d.n);
         add(&mut self.g_wo, 0, lane, d.wo);

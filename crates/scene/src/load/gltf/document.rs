@@ -7,7 +7,7 @@ use crate::Scene;
 use crate::error::{Fault, fault};
 use crate::load::Limits;
 use crate::load::file::{Folder, clip};
-use crate::nodes::About;
+use crate::nodes::AssetInfo;
 use gltf::json;
 use serde::de::IgnoredAny;
 use serde_json::Value;
@@ -253,10 +253,10 @@ impl<'a> Document<'a> {
     }
 
     /// What the file says about itself.
-    pub(super) fn about(&self) -> Result<About, Fault> {
+    pub(super) fn about(&self) -> Result<AssetInfo, Fault> {
         let asset = &self.root.asset;
         let scene = self.default_scene()?;
-        Ok(About {
+        Ok(AssetInfo {
             copyright: asset.copyright.clone().unwrap_or_default(),
             scene: scene.and_then(|s| s.name.clone()).unwrap_or_default(),
             asset_extras: self.extras(&asset.extras, || "asset".into())?,

@@ -123,5 +123,5 @@ fn a_reference_makes_room_before_pictures_are_drawn_in_bands() {
     let bands =
         |lent| GpuSurface::beside(&gpu, s.clone(), &shots, lent).map_or(0, |model| model.bands().get());
     assert_ne!(bands(None), 1);
-    assert_eq!(bands(drawn.lent()), 1);
+    assert_eq!(bands(drawn.device_memory()), 1);
 }

@@ -74,9 +74,9 @@ fn what_few_views_leave_open_more_views_decide() {
     let stages: [Excess; 3] = [SELDOM_GOOD, MOSTLY_GOOD, |_| 0.2];
     let few: Vec<Grey> = stages.iter().map(|s| Grey::new(*s)).collect();
     let few = ranked(&Grey::new(|_| 0.0), &drawn(&few), &Asked::new(), (4, 1), &Silent).unwrap();
-    assert_eq!((few.best(), few.views(), few.is_close()), (0, 4, true));
+    assert_eq!((few.best(), few.views(), few.certainty().close), (0, 4, true));
     let (ranking, drawn) = seen(&stages);
-    assert_eq!((ranking.best(), ranking.views(), ranking.is_close()), (1, 28, false), "{ranking:?}");
+    assert_eq!((ranking.best(), ranking.views(), ranking.certainty().close), (1, 28, false), "{ranking:?}");
     assert_eq!(drawn, [28, 28, 4]);
 }
 
@@ -96,10 +96,10 @@ fn what_is_clear_or_as_good_is_seen_in_no_more_views() {
     let (clear, drawn) = seen(&[|_| 0.2, |i| 0.02 + 0.001 * (i % 2) as f32]);
     assert_eq!((clear.best(), &drawn[..]), (1, &[4, 4][..]));
     let (nearly, drawn) = seen(&[|_| 0.02, |i| 0.02 + 1e-5 * (i % 2) as f32]);
-    assert_eq!((nearly.best(), nearly.is_close(), &drawn[..]), (0, false, &[4, 4][..]));
+    assert_eq!((nearly.best(), nearly.certainty().close, &drawn[..]), (0, false, &[4, 4][..]));
     assert_eq!(seen(&[MOSTLY_GOOD]).1, [4]);
     let (none, _) = seen(&[]);
-    assert_eq!((none.views(), none.is_close()), (0, false));
+    assert_eq!((none.views(), none.certainty().close), (0, false));
 }
 
 /// Rounds are of twice as many views each, all of them others; path traced there are fewer.
@@ -115,7 +115,7 @@ fn further_views_are_others() {
     let wanted: Vec<(u64, u64)> =
         wanted.iter().flat_map(|(a, b, count)| (*a..*b).map(|i| (i, *count))).collect();
     assert_eq!(asked, wanted);
-    assert!(ranking.is_close() && ranking.views() == 28);
+    assert!(ranking.certainty().close && ranking.views() == 28);
     let setups: Vec<Setup> = asked.iter().map(|(i, n)| views.0.setup(Set::HeldOut, *i, *n)).collect();
     for (a, s) in setups.iter().enumerate() {
         for t in &setups[..a] {
@@ -153,7 +153,7 @@ fn a_stop_drops_the_further_views_of_its_round() {
     let whole = of(u64::MAX);
     for after in [4, 5, 11] {
         let stopped = of(after);
-        assert_eq!((stopped.views(), stopped.is_close()), (4, true), "after {after}");
+        assert_eq!((stopped.views(), stopped.certainty().close), (4, true), "after {after}");
         assert_eq!(stopped.scores[0], whole.scores[0][..4]);
     }
     let after = whole.views() - 1;

@@ -8,7 +8,7 @@ use crate::bake::Occlusion;
 
 /// What the light asset has in place of the asset's surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Surfacing {
+pub enum Appearance {
     /// New maps in an atlas of their own, or, where [`SimplifyOptions::own_textures`] allows it and it looks better, what
     /// the asset has.
     #[default]
@@ -20,7 +20,7 @@ pub enum Surfacing {
     VertexColors,
 }
 
-impl Surfacing {
+impl Appearance {
     /// Its name.
     pub fn name(self) -> &'static str {
         match self {
@@ -39,8 +39,8 @@ impl Surfacing {
     }
 }
 
-/// The field of [`Surfacing`].
-pub(super) const FIELD: &str = "surfacing";
+/// The field of [`Appearance`].
+pub(super) const FIELD: &str = "appearance";
 
 /// What goes with the asset's own surface, and with colours of vertices.
 ///
@@ -48,16 +48,16 @@ pub(super) const FIELD: &str = "surfacing";
 /// [`FitError::Setting`] names the field, what it is and what it must be.
 pub(super) fn check(o: &SimplifyOptions) -> Result<(), FitError> {
     let baked = matches!(o.occlusion, Occlusion::Rays(_));
-    let needs = |holds, must: &str| rule(FIELD, o.surfacing.name(), holds, must);
-    match o.surfacing {
-        Surfacing::Maps => Ok(()),
-        Surfacing::Kept => {
+    let needs = |holds, must: &str| rule(FIELD, o.appearance.name(), holds, must);
+    match o.appearance {
+        Appearance::Maps => Ok(()),
+        Appearance::Kept => {
             let plain = !o.reference.kind().indirect_light && o.init.is_decimated() && !baked;
             let must = "goes with pictures of the asset without indirect light, the decimated asset as the start and no baked \
                         occlusion";
             needs(plain, must)
         }
-        Surfacing::VertexColors => {
+        Appearance::VertexColors => {
             let plain = o.fit_with == FitRenderer::Raster && !baked;
             let must =
                 "cannot stand for maps where these are fitted through the path tracer or occlusion is baked";

@@ -17,7 +17,7 @@ const DARKNESS: f64 = 0.1;
 
 /// Paths of every pixel of a small picture.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Rehearsal<'a> {
+pub(super) struct Pilot<'a> {
     renderer: &'a Renderer<'a>,
     first: u32,
     count: u32,
@@ -70,7 +70,7 @@ impl Sink for Observer {
     }
 }
 
-impl<'a> Rehearsal<'a> {
+impl<'a> Pilot<'a> {
     /// `count` samples of every pixel from sample `first` on.
     pub(super) fn new(renderer: &'a Renderer<'a>, first: u32, count: u32) -> Self {
         Self { renderer, first, count, records: true }
