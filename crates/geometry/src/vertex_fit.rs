@@ -142,8 +142,11 @@ mod tests {
     use nalgebra::{DMatrix, DVector};
     use photofit_sampling::Rng;
 
-    /// A strip of triangles, of which one vertex is given, with random samples: the samples as (triangle, at, weight, value).
-    fn strip(rng: &mut Rng) -> (Vec<[u32; 3]>, Vec<(usize, [f64; 3], f64, f64)>) {
+    /// Triangle, barycentric coordinates, weight and value.
+    type Sample = (usize, [f64; 3], f64, f64);
+
+    /// A strip of triangles, of which one vertex is given, with random samples.
+    fn strip(rng: &mut Rng) -> (Vec<[u32; 3]>, Vec<Sample>) {
         let given = |v| if v == 7 { NONE } else { v };
         // The first triangle has one unknown at two of its corners.
         let corners = (0..20_u32).map(|t| [t.max(1), t + 1, t + 2].map(given)).collect();
