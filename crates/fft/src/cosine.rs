@@ -30,6 +30,12 @@ impl<T: Sample> Cosine<T> {
         Self { fft: T::real_fft(len), turns: (0..=len / 2).map(turn).collect() }
     }
 
+    /// Samples of a row.
+    #[expect(clippy::len_without_is_empty, reason = "no row is empty")]
+    pub fn len(&self) -> usize {
+        self.fft.len()
+    }
+
     /// Working memory of one thread.
     pub fn buffers(&self) -> Buffers<T> {
         self.fft.buffers()

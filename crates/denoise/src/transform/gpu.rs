@@ -1,7 +1,8 @@
 //! [`StripSolver`](super::StripSolver) on a device, for systems without `c2`.
 
-use super::{Symbol, eigenvalue};
+use super::Symbol;
 use crate::gpu::{filled, room};
+use photofit_fft::laplacian_eigenvalue;
 use photofit_gpu::{Buffer, Gpu, GpuError, INDEX, Kernel, Recorder};
 
 /// Rows of a part of a column.
@@ -92,7 +93,7 @@ impl DeviceStrip {
         let angle = |k: usize| std::f64::consts::TAU * k as f64 / width as f64;
         let roots: Vec<[f32; 2]> =
             (0..width).map(|k| [angle(k).cos() as f32, -angle(k).sin() as f32]).collect();
-        let eigenvalues: Vec<f64> = (0..width).map(|k| eigenvalue(angle(k))).collect();
+        let eigenvalues: Vec<f64> = (0..width).map(|k| laplacian_eigenvalue(angle(k))).collect();
         let single: Vec<f32> = eigenvalues.iter().map(|l| *l as f32).collect();
         let parts = height.div_ceil(PART);
         Ok(Self {

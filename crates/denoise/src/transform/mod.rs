@@ -51,12 +51,6 @@ impl Symbol {
     }
 }
 
-/// `2 - 2 cos a`, the eigenvalue of the one-dimensional `L`, without cancellation.
-fn eigenvalue(a: f64) -> f64 {
-    let s = (0.5 * a).sin();
-    4.0 * s * s
-}
-
 /// The smallest even length from `n` on whose transform is fast: only the factors 2, 3 and 5.
 ///
 /// Columns added to reach it are holes that no term of the energy sees, so that they change no optimum.

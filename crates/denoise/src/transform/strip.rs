@@ -1,14 +1,14 @@
 //! The production solver: real FFT along rows, banded Cholesky solve down the columns.
 
-use photofit_fft::{Complex, RealFft};
 use std::fmt;
 
+use photofit_fft::{Complex, RealFft, laplacian_eigenvalue};
 use rayon::prelude::{
     IndexedParallelIterator, IntoParallelRefMutIterator, ParallelIterator, ParallelSliceMut,
 };
 
 use super::banded::BandedFactors;
-use super::{Sample, Symbol, eigenvalue};
+use super::{Sample, Symbol};
 use crate::wide::run_widest;
 
 /// Frequencies solved by one task.
@@ -22,7 +22,6 @@ const ROWS: usize = 16;
 /// one subdiagonal (two with `c2`), the same for all channels (Hockney 1965). The sweeps down and up run over
 /// 64 frequencies at once and vectorise.
 pub struct StripSolver<T: Sample> {
-    width: usize,
     fft: RealFft<T>,
     factors: BandedFactors<T>,
     height: usize,
@@ -53,7 +52,7 @@ impl<T> Block<T> {
 
 impl<T: Sample> fmt::Debug for StripSolver<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "StripSolver({} x {})", self.width, self.height)
+        write!(f, "StripSolver({} x {})", self.fft.len(), self.height)
     }
 }
 
@@ -65,10 +64,10 @@ impl<T: Sample> StripSolver<T> {
     pub fn new(width: usize, height: usize, symbol: Symbol) -> Self {
         symbol.check();
         assert!(width > 0 && height > 0, "an image of {width} x {height} has no pixels");
-        let frequencies: Vec<f64> =
-            (0..=width / 2).map(|k| eigenvalue(std::f64::consts::TAU * k as f64 / width as f64)).collect();
+        let frequencies: Vec<f64> = (0..=width / 2)
+            .map(|k| laplacian_eigenvalue(std::f64::consts::TAU * k as f64 / width as f64))
+            .collect();
         Self {
-            width,
             fft: T::real_fft(width),
             factors: BandedFactors::new(symbol, height, &frequencies, 1.0 / width as f64),
             height,
@@ -175,7 +174,7 @@ impl<T: Sample> StripSolver<T> {
     /// # Panics
     /// If `plane` does not have `width * height` samples.
     pub fn solve(&self, plane: &mut [T]) {
-        let (height, width, n) = (self.height, self.width, self.frequencies());
+        let (height, width, n) = (self.height, self.fft.len(), self.frequencies());
         assert_eq!(plane.len(), width * height, "a plane of {width} x {height}");
         let mut spectrum = vec![Complex::new(T::zero(), T::zero()); height * n];
         spectrum.par_chunks_mut(ROWS * n).zip(plane.par_chunks_mut(ROWS * width)).for_each(|(out, rows)| {

@@ -49,22 +49,11 @@ impl Attributes {
 pub(super) fn refit(engine: &mut Engine<'_>, original: &Original, samples: &[Sample]) {
     let Some(input) = &original.attributes else { return };
     let Some(mut wedges) = engine.wedges.take() else { return };
-    let count = wedges.values.len() / wedges.width;
     let of_vertices = of_vertices(engine, &wedges);
-    let (mut alone, mut free) = (vec![false; count], vec![false; count]);
-    for same in of_vertices.chunk_by(|a, b| a.0 == b.0).filter(|same| !engine.fixed[same[0].0 as usize]) {
-        same.iter().for_each(|(_, w)| free[*w as usize] = true);
-        alone[same[0].1 as usize] = same.len() == 1;
-    }
     for (block, coordinates) in wedges.blocks() {
         let terms = terms(engine, &wedges, input, samples, &block, coordinates);
-        let own: Vec<u32> = (0..count as u32).collect();
-        if coordinates {
-            fit(&mut wedges, input, &terms, (&alone, &own), &block);
-        } else {
-            let first = alike(&of_vertices, &wedges, &block, own);
-            fit(&mut wedges, input, &terms, (&free, &first), &block);
-        }
+        let moves_as = moves_as(engine, &of_vertices, &wedges, &block, coordinates);
+        fit(&mut wedges, input, &terms, &moves_as, &block);
     }
     engine.wedges = Some(wedges);
 }
@@ -80,8 +69,15 @@ fn of_vertices(engine: &Engine<'_>, wedges: &Wedges) -> Vec<(u32, u32)> {
     out
 }
 
-/// The first of the wedges of a vertex that are alike, for each wedge: `first` tells each its own.
-fn alike(of_vertices: &[(u32, u32)], wedges: &Wedges, block: &Range<usize>, mut first: Vec<u32>) -> Vec<u32> {
+/// The wedge that each one changes with, or [`NONE`] where it stays: the first of its vertex that is alike; itself, where it is the only one,
+/// for texture coordinates.
+fn moves_as(
+    engine: &Engine<'_>,
+    of_vertices: &[(u32, u32)],
+    wedges: &Wedges,
+    block: &Range<usize>,
+    coordinates: bool,
+) -> Vec<u32> {
     let are_alike = |a: u32, b: u32| {
         let [mut away, mut length] = [0.0; 2];
         for j in block.clone() {
@@ -90,10 +86,14 @@ fn alike(of_vertices: &[(u32, u32)], wedges: &Wedges, block: &Range<usize>, mut 
         }
         away < ALIKE * length
     };
-    for same in of_vertices.chunk_by(|a, b| a.0 == b.0) {
+    let mut first = vec![NONE; wedges.values.len() / wedges.width];
+    for same in of_vertices.chunk_by(|a, b| a.0 == b.0).filter(|same| !engine.fixed[same[0].0 as usize]) {
+        if coordinates && same.len() > 1 {
+            continue;
+        }
         for (k, (_, wedge)) in same.iter().enumerate() {
-            let before = same[..k].iter().map(|(_, w)| first[*w as usize]);
-            first[*wedge as usize] = before.into_iter().find(|w| are_alike(*w, *wedge)).unwrap_or(*wedge);
+            let mut before = same[..k].iter().map(|(_, w)| first[*w as usize]);
+            first[*wedge as usize] = before.find(|w| are_alike(*w, *wedge)).unwrap_or(*wedge);
         }
     }
     first
@@ -144,13 +144,13 @@ fn fit(
     wedges: &mut Wedges,
     input: &Attributes,
     terms: &[(&Sample, [u32; 3])],
-    (free, first): (&[bool], &[u32]),
+    moves_as: &[u32],
     block: &Range<usize>,
 ) {
-    let mut number = vec![NONE; free.len()];
+    let mut number = vec![NONE; moves_as.len()];
     let mut unknowns = 0;
-    for w in terms.iter().flat_map(|t| t.1).filter(|w| free[*w as usize]) {
-        let of = &mut number[first[w as usize] as usize];
+    for w in terms.iter().flat_map(|t| t.1.map(|w| moves_as[w as usize])).filter(|w| *w != NONE) {
+        let of = &mut number[w as usize];
         if *of == NONE {
             *of = unknowns;
             unknowns += 1;
@@ -159,7 +159,10 @@ fn fit(
     if unknowns == 0 {
         return;
     }
-    let number = |w: u32| if free[w as usize] { number[first[w as usize] as usize] } else { NONE };
+    let number = |w: u32| match moves_as[w as usize] {
+        NONE => NONE,
+        first => number[first as usize],
+    };
     let weight: f64 = terms.iter().map(|(s, _)| s.weight * s.at.length_squared()).sum();
     let memory = (MEMORY * weight / f64::from(unknowns)).max(LEAST_MEMORY * terms[0].0.weight);
     // Triangles with samples, numbered as they come.
@@ -184,7 +187,7 @@ fn fit(
             system.spread(&mut right, slot(s), s.at.to_array(), s.weight * residual);
         }
         let change = system.solve(&right, STEPS, ENOUGH);
-        for w in (0..first.len() as u32).filter(|w| number(*w) != NONE) {
+        for w in (0..moves_as.len() as u32).filter(|w| number(*w) != NONE) {
             wedges.change(w, j, change[number(w) as usize]);
         }
     }

@@ -3,7 +3,7 @@
 use super::grid::Grid;
 use super::{Guidance, SpatialFilter};
 use crate::error::OptimError;
-use photofit_fft::Cosine;
+use photofit_fft::{Cosine, laplacian_eigenvalue};
 use photofit_scalar::Real;
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -62,13 +62,13 @@ impl ScreenedPoisson {
             sweep(data, other, &self.axes, &mut order, axis, false);
         }
         let axes: Vec<&Axis> = order.iter().map(|a| &self.axes[*a]).collect();
-        let norm: f64 = axes.iter().map(|a| 1.0 / a.n as f64).product();
+        let norm: f64 = axes.iter().map(|a| 1.0 / a.len() as f64).product();
         if let [front, rest @ ..] = &axes[..] {
-            data.par_chunks_mut(front.n).enumerate().for_each(|(r, row)| {
+            data.par_chunks_mut(front.len()).enumerate().for_each(|(r, row)| {
                 let (mut index, mut sum) = (r, 0.0);
                 for axis in rest {
-                    sum += axis.eigenvalues[index % axis.n];
-                    index /= axis.n;
+                    sum += axis.eigenvalues[index % axis.len()];
+                    index /= axis.len();
                 }
                 for (x, e) in row.iter_mut().zip(&front.eigenvalues) {
                     *x *= norm / (1.0 + self.lambda * (sum + e));
@@ -90,9 +90,9 @@ fn sweep(
     axis: usize,
     inverse: bool,
 ) {
-    let Axis { n, cosine, .. } = &axes[axis];
-    let n = *n;
-    let faster: usize = order.iter().take_while(|a| **a != axis).map(|a| axes[*a].n).product();
+    let cosine = &axes[axis].cosine;
+    let n = cosine.len();
+    let faster: usize = order.iter().take_while(|a| **a != axis).map(|a| axes[*a].len()).product();
     other.par_chunks_mut(n * LINES).enumerate().for_each_init(
         || cosine.buffers(),
         |buffers, (chunk, lines)| {
@@ -121,17 +121,19 @@ fn sweep(
 /// An axis of the grid.
 #[derive(Debug)]
 struct Axis {
-    n: usize,
     cosine: Cosine<f64>,
-    /// `2 - 2 cos(pi k / n)`.
+    /// Of the Laplacian along it.
     eigenvalues: Vec<f64>,
 }
 
 impl Axis {
     fn new(n: usize) -> Self {
-        // 4 sin^2 keeps the small ones accurate.
-        let eigenvalue = |k: usize| 4.0 * (0.5 * (PI * k as f64 / n as f64)).sin().powi(2);
-        Self { n, cosine: Cosine::new(n), eigenvalues: (0..n).map(eigenvalue).collect() }
+        let eigenvalue = |k: usize| laplacian_eigenvalue(PI * k as f64 / n as f64);
+        Self { cosine: Cosine::new(n), eigenvalues: (0..n).map(eigenvalue).collect() }
+    }
+
+    fn len(&self) -> usize {
+        self.cosine.len()
     }
 }
 
