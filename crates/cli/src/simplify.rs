@@ -21,7 +21,7 @@ use photofit_fit::simplify::{
 };
 use photofit_fit::traced_maps::MapsCourse;
 use photofit_geometry::decimate::Target;
-use photofit_scene::{Compression, Limits, Scene, TextureEncoding};
+use photofit_scene::{Compression, Limits, Precision, Scene, TextureEncoding};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -177,7 +177,8 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
         },
         compression: match a.compress {
             GeometryFormat::None => Compression::None,
-            GeometryFormat::Meshopt => Compression::Meshopt,
+            GeometryFormat::Meshopt => Compression::Meshopt(Precision::Fine),
+            GeometryFormat::MeshoptCoarse => Compression::Meshopt(Precision::Coarse),
         },
         lighting,
         reference: match a.reference {
@@ -398,7 +399,7 @@ impl Job<'_> {
                 "the written file is larger than the asset, {written} against {read}; {ways} may make it lighter\n"
             );
         }
-        text += &format!("wrote {}; textures: {}\n", o.file.display(), o.textures);
+        text += &format!("wrote {}; geometry: {}; textures: {}\n", o.file.display(), o.geometry, o.textures);
         print(&text)
     }
 
@@ -428,6 +429,7 @@ impl Job<'_> {
             "written": o.written.name(),
             "compared": o.was_chosen(),
             "textures": o.textures,
+            "geometry": o.geometry,
             "seconds": o.seconds,
             "fit_seconds": o.fit_seconds,
             "seconds_to_half_db": o.seconds_to_half_db,

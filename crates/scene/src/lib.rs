@@ -33,7 +33,9 @@ pub use error::SceneError;
 pub use extensions::{Anisotropy, Clearcoat, Extensions, Sheen, Specular, Transmission, Volume};
 pub use flat::FlatScene;
 pub use light::{LightKind, LightPicture, PunctualLight};
-pub use load::{Limits, MAX_COORDINATE, Points, Sensor, load, load_points, load_points_with, load_with};
+pub use load::{
+    Limits, MAX_COORDINATE, Points, Sensor, from_glb, load, load_points, load_points_with, load_with,
+};
 pub use material::{AlphaMode, Filter, Material, Sampler, TextureSlot, Wrap};
 pub use model::{
     Instance, MAX_FLAT, Memory, Primitive, Scene, TextureEncoding, TextureImage, VertexAttribute,
@@ -43,7 +45,9 @@ pub use nodes::{
     Placement,
 };
 pub use pose::Pose;
-pub use save::{Compression, save_glb, save_glb_lods, save_glb_with, to_glb, to_glb_with, write_glb};
+pub use save::{
+    Compression, Precision, save_glb, save_glb_lods, save_glb_with, to_glb, to_glb_with, write_glb,
+};
 pub use skin::{Bind, Influences, MorphTarget, Skin};
 #[cfg(feature = "gpu")]
 pub use surface::gpu;

@@ -4,7 +4,7 @@ use super::*;
 use crate::Silent;
 use crate::simplify::too_large_path;
 use photofit_geometry::shapes::displaced_sphere;
-use photofit_scene::{Compression, Instance, Material, Primitive};
+use photofit_scene::{Compression, Instance, Material, Precision, Primitive};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 fn rock() -> Scene {
@@ -120,7 +120,8 @@ fn a_continuous_chain_turns_each_level_into_the_next() {
     assert_eq!(combined.hierarchy.as_ref().unwrap().meshes[0].targets(), 1);
     // Compressed, the target is on the grid of the positions.
     let small = dir.path().join("small.glb");
-    let chain = simplify_chain(&rock(), &small, &continuous(Compression::Meshopt), &Silent).unwrap();
+    let chain =
+        simplify_chain(&rock(), &small, &continuous(Compression::Meshopt(Precision::Fine)), &Silent).unwrap();
     for (name, k) in [("turning.glb", 0), ("turning.lod1.glb", 1)] {
         let [a, b] =
             [&dir.path().join(name), &chain.levels[k].path].map(|p| weighted(&file(p), 1.0).flatten());

@@ -1,7 +1,7 @@
 //! What is written of what was chosen: with maps fitted through the path tracer where that is asked for, and within the bytes that the
 //! file may have.
 
-use super::byte_budget::{Budget, Shapes};
+use super::byte_budget::{Budget, Made, Shapes};
 use super::choice::Chosen;
 use super::through_path::{TracedMaps, fit_maps};
 use super::{Asset, SimplifyOptions, Written, dressed};
@@ -10,13 +10,15 @@ use crate::engine::reference::Reference;
 use crate::engine::surface::Surface;
 use crate::engine::trainer::Trained;
 use crate::{FitError, Progress};
-use photofit_scene::Scene;
+use photofit_scene::{Compression, Scene};
 use std::time::Duration;
 
 /// What is written, and how it came about.
 pub(super) struct Finished {
     pub(super) trained: Trained<Surface>,
     pub(super) light: Scene,
+    /// How its geometry is stored.
+    pub(super) compression: Compression,
     pub(super) written: Written,
     /// What was fitted, where something else is written.
     pub(super) fitted: Option<Scene>,
@@ -41,14 +43,16 @@ pub(super) fn finish(
     let Chosen { trained, light: new, written: was, mut fitted, own, plain, certainty } = chosen;
     let with_maps =
         |light, written| fit_maps(asset, light, (written, trained.stopped, spent), options, progress);
-    let (light, written, traced_maps) = match options.max_bytes {
+    let (light, compression, written, traced_maps) = match options.max_bytes {
         None => {
             let (light, course) = with_maps(new, was);
-            (dressed(light, asset, options), was, course)
+            (dressed(light, asset, options), options.compression, was, course)
         }
         Some(most) => {
             let budget = Budget { most, asset, reference, options, progress };
-            within(&budget, (&Shapes::new(new), was), own.as_ref(), plain.is_some(), &with_maps)?
+            let shapes = (&Shapes::new(new), was);
+            let (made, written, course) = within(&budget, shapes, own.as_ref(), plain.is_some(), &with_maps)?;
+            (made.scene, made.compression, written, course)
         }
     };
     if written != was && was == Written::Fitted && trained.steps > 0 {
@@ -57,6 +61,7 @@ pub(super) fn finish(
     Ok(Finished {
         trained,
         light,
+        compression,
         written,
         fitted,
         traced_maps,
@@ -73,7 +78,7 @@ fn within(
     own: Option<&Shapes>,
     compares: bool,
     with_maps: &dyn Fn(Scene, Written) -> (Scene, TracedMaps),
-) -> Result<(Scene, Written, TracedMaps), FitError> {
+) -> Result<(Made, Written, TracedMaps), FitError> {
     let mut made = budget.within(new)?;
     // Who stopped the work waits for no other files.
     let own = own.filter(|_| !budget.progress.is_cancelled());
@@ -96,7 +101,7 @@ fn within(
     let given = budget.asset.given;
     let whole = (budget.options.keeps_all(given) && compares).then_some(given);
     Ok(match budget.or_whole(made.swap_remove(best), whole)? {
-        (light, true) => (light, Written::Whole, course.beaten_by("the asset as it was given is written")),
-        (light, false) => (light, written, course),
+        (made, true) => (made, Written::Whole, course.beaten_by("the asset as it was given is written")),
+        (made, false) => (made, written, course),
     })
 }

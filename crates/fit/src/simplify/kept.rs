@@ -47,19 +47,20 @@ pub(super) fn simplify(
     progress.report("decimate", 0, 1, "");
     let first = plain::decimated(scene, n, &[], &plain::own(options.target, n, options))?;
     let best = plain::best(asset, first, reference, options.target, options, progress)?;
-    let light = match options.max_bytes {
-        None => dressed(plain::kept(&best.0, n, options), asset, options),
+    let (light, compression) = match options.max_bytes {
+        None => (dressed(plain::kept(&best.0, n, options), asset, options), options.compression),
         Some(most) => {
             let budget = Budget { most, asset, reference, options, progress };
             let written = |stage: &Stage| plain::kept(stage, n, options);
             let shapes = plain::shapes(asset, &best, (options, progress), &written)?;
             let mut made = budget.within(&shapes)?;
             let best = budget.best(&made)?;
-            budget.or_whole(made.swap_remove(best), None)?.0
+            let (made, _) = budget.or_whole(made.swap_remove(best), None)?;
+            (made.scene, made.compression)
         }
     };
     let textures = byte_budget::told(&light);
-    let path = outcome::save(output, &light, options)?;
+    let path = outcome::save(output, (&light, compression), options)?;
     let to_file = began.elapsed().as_secs_f64();
     let written = photofit_scene::load(&path)?;
     let mut stages = Vec::new();
@@ -91,7 +92,8 @@ pub(super) fn simplify(
     let times = Times { all: began.elapsed().as_secs_f64(), to_file };
     let judged = judge.method(&stages);
     let mut made = Outcome::new(triangles, trained, plan, &names, views, judged, times, options);
-    (made.file, made.written, made.textures, made.stopped) = (path, Written::Kept, textures, stopped);
+    (made.file, made.written, made.stopped) = (path, Written::Kept, stopped);
+    (made.textures, made.geometry) = (textures, byte_budget::told_geometry(compression));
     (made.left_out, made.not_fitted) = (outcome::left_out(given, written, options.appearance), Vec::new());
     prepare::tell_budget(options, triangles, progress);
     Ok(made)

@@ -237,7 +237,7 @@ pub(crate) fn simplify_asset(
         outcome::tell_detail(&chosen.trained.model.candidate, n, progress);
     }
     let spent = fit_began.elapsed();
-    let Finished { trained, light, written, fitted, traced_maps, plain, certainty } =
+    let Finished { trained, light, compression, written, fitted, traced_maps, plain, certainty } =
         finish::finish(asset, chosen, spent, judged, options, progress)?;
     if trained.behind.is_some() && written != Written::Decimated {
         progress.warn(
@@ -247,7 +247,7 @@ pub(crate) fn simplify_asset(
     }
     prepare::tell_budget(options, [scene.triangle_count(), light.triangle_count()], progress);
     let textures = byte_budget::told(&light);
-    let path = outcome::save(output, &light, options)?;
+    let path = outcome::save(output, (&light, compression), options)?;
     let to_file = began.elapsed().as_secs_f64();
     let file = photofit_scene::load(&path)?;
     let triangles = [scene.triangle_count(), file.triangle_count()];
@@ -263,7 +263,8 @@ pub(crate) fn simplify_asset(
     let mut outcome =
         Outcome::new(triangles, trained, plan, &names, pictures, judge.method(&stages), times, options);
     outcome.device = device.name();
-    (outcome.file, outcome.written, outcome.textures) = (path, written, textures);
+    (outcome.file, outcome.written) = (path, written);
+    (outcome.textures, outcome.geometry) = (textures, byte_budget::told_geometry(compression));
     let light = &stages[stages.len() - 1].scene;
     (outcome.left_out, outcome.not_fitted) = (
         outcome::left_out(given, light, options.appearance),

@@ -52,7 +52,7 @@ pub struct SimplifyOptions {
     pub smallest_size: usize,
     /// How the maps are stored in the written file.
     pub texture_encoding: TextureEncoding,
-    /// How the geometry is stored in the written file.
+    /// How the geometry is stored in the written file; within [`Self::max_bytes`] a coarser precision is tried, too.
     pub compression: Compression,
     /// The light while fitting.
     pub lighting: Lighting,

@@ -8,7 +8,7 @@ use crate::engine::trainer::{HistoryPoint, Trained};
 use crate::engine::vertex_colors::colored;
 use crate::traced_maps::MapsCourse;
 use crate::{FitError, Progress};
-use photofit_scene::Scene;
+use photofit_scene::{Compression, Scene};
 use std::path::{Path, PathBuf};
 
 /// Figures and pictures of a finished simplification.
@@ -66,6 +66,8 @@ pub struct Outcome {
     pub appearance: Appearance,
     /// Its textures: sizes and encodings.
     pub textures: String,
+    /// How its geometry is stored: compressed or not, and its precision.
+    pub geometry: &'static str,
     /// The fitted asset in the normalised frame: the written one, unless that is [`Written::Decimated`] or
     /// [`Written::Whole`], or its maps were fitted through the path tracer. Of [`Written::Kept`] it has the shape alone.
     pub candidate: Candidate,
@@ -88,9 +90,13 @@ pub fn too_large_path(output: &Path) -> PathBuf {
     beside(output, "too-large.glb")
 }
 
-/// Writes a light asset and returns where: one of more bytes than are asked for replaces nothing.
-pub(super) fn save(output: &Path, light: &Scene, options: &SimplifyOptions) -> Result<PathBuf, FitError> {
-    let bytes = photofit_scene::to_glb_with(light, options.compression)?;
+/// Writes a light asset, its geometry compressed in a way, and returns where: one of more bytes than are asked for replaces nothing.
+pub(super) fn save(
+    output: &Path,
+    (light, compression): (&Scene, Compression),
+    options: &SimplifyOptions,
+) -> Result<PathBuf, FitError> {
+    let bytes = photofit_scene::to_glb_with(light, compression)?;
     let fits = options.max_bytes.is_none_or(|most| bytes.len() as u64 <= most);
     let path = if fits { output.to_owned() } else { too_large_path(output) };
     photofit_scene::write_glb(&path, &bytes)?;
@@ -246,6 +252,7 @@ impl Outcome {
             written: Written::Fitted,
             appearance: options.appearance,
             textures: String::new(),
+            geometry: "",
             candidate: trained.model.candidate,
             resolution: options.resolution,
             device: options.device.name(),

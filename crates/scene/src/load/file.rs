@@ -28,9 +28,10 @@ fn size_of_regular(path: &Path) -> std::io::Result<u64> {
 }
 
 /// The folder of an asset: the only place that its references may reach.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Folder {
-    path: PathBuf,
+    /// `None`: the asset is no file, and may refer to none.
+    path: Option<PathBuf>,
     /// Bytes read from it so far.
     bytes: AtomicU64,
     /// The files that were read from it.
@@ -43,7 +44,7 @@ impl Folder {
             Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
             _ => PathBuf::from("."),
         };
-        Self { path, bytes: AtomicU64::new(0), files: Mutex::default() }
+        Self { path: Some(path), ..Self::default() }
     }
 
     /// Bytes of the files that were read from it.
@@ -82,6 +83,13 @@ impl Folder {
     }
 
     fn resolve(&self, name: &str, place: &str) -> Result<PathBuf, Fault> {
+        let Some(folder) = &self.path else {
+            let rule = format!(
+                "`{}` is a file; an asset that is read from memory must have all of its data",
+                clip(name)
+            );
+            return Err(Fault { kind: FaultKind::Outside, ..fault(place, rule) });
+        };
         let rule = format!("`{}` is not a path inside of the asset's folder; it must be one", clip(name));
         let leaves = || Fault { kind: FaultKind::Outside, ..fault(place, rule.clone()) };
         // Exporters on Windows write backslashes; both separate folders here.
@@ -100,10 +108,10 @@ impl Folder {
                 return Err(leaves());
             }
         }
-        let path = self.path.join(&name);
+        let path = folder.join(&name);
         let missing = |e: std::io::Error| unreadable(place, &name, e);
         let real = path.canonicalize().map_err(missing)?;
-        let folder = self.path.canonicalize().map_err(missing)?;
+        let folder = folder.canonicalize().map_err(missing)?;
         if real.starts_with(&folder) { Ok(real) } else { Err(leaves()) }
     }
 }

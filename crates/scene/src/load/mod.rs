@@ -105,6 +105,25 @@ pub fn load_with(path: impl AsRef<Path>, limits: &Limits) -> Result<Scene, Scene
     Ok(scene)
 }
 
+/// The scene of a `.glb` file that is in memory, as [`to_glb`](crate::to_glb) makes them, with the default [`Limits`]; it may refer to no
+/// other files.
+///
+/// # Errors
+/// As [`load`].
+pub fn from_glb(bytes: &[u8]) -> Result<Scene, SceneError> {
+    if !bytes.starts_with(b"glTF") {
+        return Err(
+            fault("byte 0", "the file does not begin with the magic `glTF`; a .glb file must").in_scene()
+        );
+    }
+    let mut scene =
+        gltf::parse_glb(bytes, &file::Folder::default(), &Limits::default()).map_err(Fault::in_scene)?;
+    scene.source_bytes = bytes.len() as u64;
+    scene.check().map_err(Fault::in_scene)?;
+    check_extent(&scene).map_err(Fault::in_scene)?;
+    Ok(scene)
+}
+
 fn parse(path: &Path, bytes: &[u8], folder: &file::Folder, limits: &Limits) -> Result<Scene, Fault> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);

@@ -1,8 +1,7 @@
 //! Compressed geometry: `EXT_meshopt_compression` with `KHR_mesh_quantization`.
 //!
 //! Positions, texture coordinates, colours and morph targets stay floats, on a grid of a power of two: nodes, skins and
-//! animations mean the same as without compression. Normals and tangents become 16-bit vectors of 12 significant bits.
-//! Everything else is kept bit by bit.
+//! animations mean the same as without compression. Normals and tangents become integers. Everything else is kept bit by bit.
 
 use super::{VERTICES, Writer};
 use crate::meshopt::{Filter, encode_triangles, encode_vertices, exponential, octahedral};
@@ -16,26 +15,61 @@ pub enum Compression {
     #[default]
     None,
     /// `EXT_meshopt_compression`, which a reader must know (three.js, Babylon.js, Godot and others do): a fraction of the
-    /// bytes; positions are rounded to 2^-15 of the size of the smallest
-    /// part (2^-22 of the largest coordinate at least), texture coordinates to 2^-15, colours and directions of morph targets to
-    /// 2^-12, directions to about .03 degrees.
-    Meshopt,
+    /// bytes.
+    Meshopt(Precision),
+}
+
+/// How compressed geometry is rounded: positions relative to the size of the smallest part (2^-22 of the largest coordinate at
+/// least).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Precision {
+    /// Positions and texture coordinates to 2^-15, colours and directions of morph targets to 2^-12, directions to about .03 degrees.
+    #[default]
+    Fine,
+    /// Positions to 2^-14, texture coordinates to 2^-12, colours and directions of morph targets to 2^-10, directions to about .5
+    /// degrees: a fifth fewer bytes, and about what other tools write unless they are told otherwise (`gltfpack -vp 14 -vt 12 -vn 8`).
+    Coarse,
+}
+
+/// Steps and bits of a precision.
+#[derive(Clone, Copy)]
+struct Steps {
+    /// Steps of a position over the extent of the smallest mesh: at least two to this power.
+    position: i32,
+    /// Steps of a texture coordinate, per unit and over the extent: at least two to this power.
+    coordinate: i32,
+    /// Steps of a colour, or of a morph target's normal, per unit: two to this power.
+    unit: i32,
+    /// Significant bits of a component of a projected direction.
+    direction: u32,
+}
+
+impl Precision {
+    fn steps(self) -> Steps {
+        match self {
+            Self::Fine => Steps { position: 15, coordinate: 15, unit: 12, direction: 12 },
+            Self::Coarse => Steps { position: 14, coordinate: 12, unit: 10, direction: 8 },
+        }
+    }
+}
+
+impl Compression {
+    fn steps(self) -> Option<Steps> {
+        match self {
+            Self::None => None,
+            Self::Meshopt(precision) => Some(precision.steps()),
+        }
+    }
 }
 
 const EXTENSION: &str = "EXT_meshopt_compression";
-/// Steps of a position over the extent of the smallest mesh, or of a texture coordinate: at least two to this power.
-const STEPS: i32 = 15;
-/// Steps of a colour, or of a morph target's normal, per unit: two to this power.
-const UNIT_STEPS: i32 = 12;
-/// Significant bits of a component of a projected direction.
-const DIRECTION_BITS: u32 = 12;
 
 /// How floats are rounded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Rounding {
     /// Positions: on the grid of the whole asset, so that borders that parts share stay shared.
     Position,
-    /// Texture coordinates: at least 2^-15, finer where their extent is small.
+    /// Texture coordinates: finer where their extent is small.
     Coordinate,
     /// Relative to one.
     Unit,
@@ -44,7 +78,7 @@ pub(super) enum Rounding {
 impl Writer {
     /// An empty file for `meshes`.
     pub(super) fn new<'a>(compression: Compression, meshes: impl Iterator<Item = &'a Mesh> + Clone) -> Self {
-        let grid = if compression == Compression::None { 0 } else { position_grid(meshes) };
+        let grid = compression.steps().map_or(0, |steps| position_grid(meshes, steps.position));
         Self { compression, grid, ..Self::default() }
     }
 
@@ -93,7 +127,7 @@ impl Writer {
 
     /// The view of elements of `stride` bytes, compressed without loss where that takes fewer bytes.
     pub(super) fn lossless(&mut self, bytes: &[u8], stride: usize, target: Option<u32>) -> usize {
-        if self.compression == Compression::Meshopt && stride.is_multiple_of(4) && !bytes.is_empty() {
+        if self.compression != Compression::None && stride.is_multiple_of(4) && !bytes.is_empty() {
             let stream = encode_vertices(bytes, stride);
             if stream.len() < bytes.len() {
                 let shape = (bytes.len() / stride, stride);
@@ -110,15 +144,17 @@ impl Writer {
         components: usize,
         rounding: Rounding,
     ) -> (usize, Vec<f32>) {
-        let exponent = match rounding {
-            _ if self.compression == Compression::None => None,
-            Rounding::Position => Some(reachable(self.grid, values)),
-            Rounding::Coordinate => Some(reachable(extent_exponent(values, components).min(-STEPS), values)),
-            Rounding::Unit => Some(unit_exponent(values)),
-        };
-        let Some(exponent) = exponent else {
+        let Some(steps) = self.compression.steps() else {
             return (self.floats(values, components, Some(VERTICES)), values.to_vec());
         };
+        let exponent = match rounding {
+            Rounding::Position => self.grid,
+            Rounding::Coordinate => {
+                extent_exponent(values, components, steps.coordinate).min(-steps.coordinate)
+            }
+            Rounding::Unit => -steps.unit,
+        };
+        let exponent = reachable(exponent, values);
         let (stored, meant) = exponential(values, exponent);
         let (count, stride) = (values.len() / components, 4 * components);
         let stream = encode_vertices(&stored, stride);
@@ -128,14 +164,15 @@ impl Writer {
 
     /// The accessor of unit vectors of three components, or of four, the last of which is 1 or -1.
     pub(super) fn directions(&mut self, vectors: &[[f32; 4]], components: usize) -> usize {
-        if self.compression == Compression::None {
+        let Some(steps) = self.compression.steps() else {
             let values: Vec<f32> = vectors.iter().flat_map(|v| v[..components].to_vec()).collect();
             return self.floats(&values, components, Some(VERTICES));
-        }
-        let stream = encode_vertices(&octahedral(vectors, DIRECTION_BITS), 8);
-        let shape = (vectors.len(), 8);
+        };
+        let (stride, component) = if steps.direction > 8 { (8, 5122) } else { (4, 5120) };
+        let stream = encode_vertices(&octahedral(vectors, steps.direction), stride);
+        let shape = (vectors.len(), stride);
         let view = self.stream(&stream, "ATTRIBUTES", Filter::Octahedral, shape, Some(VERTICES));
-        let accessor = self.accessor_of(view, 5122, vectors.len(), components);
+        let accessor = self.accessor_of(view, component, vectors.len(), components);
         self.accessors[accessor]["normalized"] = json!(true);
         self.extensions.insert("KHR_mesh_quantization");
         self.required.insert("KHR_mesh_quantization");
@@ -167,15 +204,16 @@ fn reachable(exponent: i32, values: &[f32]) -> i32 {
     exponent.max(above(largest) - 22).clamp(-112, 106)
 }
 
-/// The grid of the positions of all `meshes`: that of the smallest one, as far as the largest coordinate reaches it.
-pub(super) fn position_grid<'a>(meshes: impl Iterator<Item = &'a Mesh> + Clone) -> i32 {
+/// The grid of the positions of all `meshes`, two to the power of `steps` over the smallest one, as far as the largest coordinate
+/// reaches it.
+fn position_grid<'a>(meshes: impl Iterator<Item = &'a Mesh> + Clone, steps: i32) -> i32 {
     let positions = meshes.filter(|m| !m.positions.is_empty()).map(|m| bytemuck::cast_slice(&m.positions));
-    let finest = positions.clone().map(|p| extent_exponent(p, 3)).min().unwrap_or(-STEPS);
+    let finest = positions.clone().map(|p| extent_exponent(p, 3, steps)).min().unwrap_or(-steps);
     positions.fold(finest, reachable)
 }
 
 /// The grid of values by their extent, the same for all components; not finer than they reach.
-fn extent_exponent(values: &[f32], components: usize) -> i32 {
+fn extent_exponent(values: &[f32], components: usize, steps: i32) -> i32 {
     let mut extent = 0.0_f32;
     for k in 0..components {
         let column = values.iter().skip(k).step_by(components);
@@ -183,9 +221,5 @@ fn extent_exponent(values: &[f32], components: usize) -> i32 {
         extent = extent.max((hi / 2.0 - lo / 2.0).abs());
     }
     // Half the extent is at least 2^(above - 1).
-    reachable(above(extent) - STEPS, values)
-}
-
-fn unit_exponent(values: &[f32]) -> i32 {
-    reachable(-UNIT_STEPS, values)
+    reachable(above(extent) - steps, values)
 }

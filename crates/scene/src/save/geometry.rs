@@ -267,7 +267,7 @@ fn unit(n: Vec3f) -> Vec3f {
 }
 
 fn indices(mesh: &Mesh, writer: &mut Writer) -> usize {
-    if writer.compression == Compression::Meshopt {
+    if writer.compression != Compression::None {
         let (component, size) = if mesh.positions.len() <= 0xffff { (5123, 2) } else { (5125, 4) };
         return writer.compressed_indices(&mesh.triangles, component, size);
     }

@@ -117,7 +117,9 @@ fn merged(levels: &[Scene]) -> (Scene, Vec<usize>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Bind, Instance, Material, MorphTarget, Primitive, TextureImage, TextureSlot, load};
+    use crate::{
+        Bind, Instance, Material, MorphTarget, Precision, Primitive, TextureImage, TextureSlot, load,
+    };
     use photofit_geometry::shapes;
     use serde_json::Value;
 
@@ -145,7 +147,7 @@ mod tests {
 
     #[test]
     fn morph_targets_of_levels_are_written() {
-        for compression in [Compression::None, Compression::Meshopt] {
+        for compression in [Compression::None, Compression::Meshopt(Precision::Fine)] {
             let dir = tempfile::tempdir().unwrap();
             let path = dir.path().join("a.glb");
             // Through a file, which has a hierarchy.

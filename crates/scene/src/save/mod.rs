@@ -13,7 +13,7 @@ mod order;
 #[cfg(test)]
 mod tests;
 
-pub use compress::Compression;
+pub use compress::{Compression, Precision};
 pub use lods::save_glb_lods;
 
 use crate::error::{Fault, fault};

@@ -4,7 +4,7 @@ use photofit_image::{Image, encode_png};
 use photofit_mutants::glb as container;
 #[cfg(feature = "mitsuba")]
 use photofit_mutants::{Packing, Shape};
-use photofit_scene::{Compression, Scene, TextureEncoding};
+use photofit_scene::{Compression, Precision, Scene, TextureEncoding};
 use serde_json::{Value, json};
 
 pub(crate) const MTL: &str =
@@ -150,7 +150,9 @@ pub(crate) fn glb_textures() -> Vec<Vec<u8>> {
 
 /// Compressed geometry.
 pub(crate) fn glb_meshopt() -> Vec<Vec<u8>> {
-    vec![photofit_scene::to_glb_with(&scene(), Compression::Meshopt).expect("written")]
+    let compressed =
+        |precision| photofit_scene::to_glb_with(&scene(), Compression::Meshopt(precision)).expect("written");
+    vec![compressed(Precision::Fine), compressed(Precision::Coarse)]
 }
 
 /// Primitives compressed by Draco: both methods, both traversals, every attribute.

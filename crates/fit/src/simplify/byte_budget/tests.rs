@@ -10,7 +10,8 @@ use photofit_geometry::decimate::Target;
 use photofit_geometry::shapes::{displaced_sphere, uv_sphere};
 use photofit_scalar::vec4;
 use photofit_scene::{
-    Extensions, Instance, Material, Primitive, Scene, TextureEncoding, TextureImage, Transmission, Volume,
+    Compression, Extensions, Instance, Material, Precision, Primitive, Scene, TextureEncoding, TextureImage,
+    Transmission, Volume,
 };
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -136,7 +137,7 @@ fn triangles_follow_from_bytes_and_whole_assets_are_not_fitted() {
         (outcome, std::fs::metadata(&path).unwrap().len())
     };
     let all = asset.triangle_count();
-    let whole = photofit_scene::to_glb_with(&asset, photofit_scene::Compression::None).unwrap().len() as u64;
+    let whole = photofit_scene::to_glb_with(&asset, Compression::None).unwrap().len() as u64;
     let (outcome, bytes) = made(whole + 100);
     assert_eq!((outcome.triangles_out, outcome.steps, bytes <= whole + 100), (all, 0, true));
     assert!(outcome.shipped().unwrap().psnr > 45.0, "{:?}", outcome.stages);
@@ -159,7 +160,7 @@ fn the_bytes_of_a_budget_hold_triangles() {
     let mut bare_with_uvs = bare.clone();
     let uvs = &mut bare_with_uvs.primitives[0].mesh;
     uvs.uvs = uvs.positions.iter().map(|p| photofit_scalar::vec2(p.x, p.y)).collect();
-    let whole = photofit_scene::to_glb_with(&bare, photofit_scene::Compression::None).unwrap().len() as u64;
+    let whole = photofit_scene::to_glb_with(&bare, Compression::None).unwrap().len() as u64;
     for (asset, appearance, written) in
         [(&bare_with_uvs, Appearance::Kept, Written::Kept), (&bare, Appearance::Maps, Written::Decimated)]
     {
@@ -176,6 +177,60 @@ fn the_bytes_of_a_budget_hold_triangles() {
         assert_eq!(made.written, written);
         assert!(bytes <= whole / 5 && bytes * 100 >= whole / 5 * 96, "{bytes} of {}", whole / 5);
     }
+}
+
+/// Compressed geometry is rounded as finely as the bytes allow, and coarser where they buy more with it.
+#[test]
+fn the_precision_of_geometry_follows_from_the_bytes() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    let asset = of(displaced_sphere(40, 0.2, 5, 3), Material::clay());
+    let bytes = |precision| {
+        photofit_scene::to_glb_with(&asset, Compression::Meshopt(precision)).unwrap().len() as u64
+    };
+    let [fine, coarse] = [Precision::Fine, Precision::Coarse].map(bytes);
+    assert!(coarse * 10 < fine * 9, "{coarse} of {fine}");
+    let made = |most: u64| {
+        let o = SimplifyOptions {
+            max_bytes: Some(most),
+            triangles_by_bytes: true,
+            own_textures: true,
+            compression: Compression::Meshopt(Precision::Fine),
+            steps: 1,
+            ..options()
+        };
+        let made = simplify(&asset, &path, &o, &Silent).unwrap();
+        let bytes = std::fs::metadata(&path).unwrap().len();
+        assert!(bytes <= most, "{bytes} of {most}");
+        (made.triangles_out, made.geometry, bytes)
+    };
+    let all = asset.triangle_count();
+    let (triangles, geometry, _) = made(fine + 100);
+    assert_eq!((triangles, geometry), (all, "meshopt"));
+    // All triangles fit when they are rounded more.
+    let (triangles, geometry, _) = made(coarse + 100);
+    assert_eq!((triangles, geometry), (all, "meshopt, coarse precision"));
+    // Fewer: nearly all bytes are used.
+    let (triangles, geometry, bytes) = made(coarse / 2);
+    assert!(triangles < all && geometry == "meshopt, coarse precision", "{triangles} {geometry}");
+    assert!(bytes * 100 >= coarse / 2 * 96, "{bytes} of {}", coarse / 2);
+}
+
+/// What is chosen from is what the files show.
+#[test]
+fn compressed_assets_meet_as_their_files_are_read() {
+    let asset = of(displaced_sphere(20, 0.2, 5, 3), Material::clay());
+    for precision in [Precision::Fine, Precision::Coarse] {
+        let compression = Compression::Meshopt(precision);
+        let made = Made::new(asset.clone(), compression).unwrap();
+        let file =
+            photofit_scene::from_glb(&photofit_scene::to_glb_with(&asset, compression).unwrap()).unwrap();
+        let read = made.read().unwrap();
+        assert_eq!(read.primitives[0].mesh.positions, file.primitives[0].mesh.positions);
+        assert_ne!(read.primitives[0].mesh.positions, asset.primitives[0].mesh.positions);
+    }
+    let made = Made::new(asset.clone(), Compression::None).unwrap();
+    assert_eq!(made.read().unwrap().primitives[0].mesh.positions, asset.primitives[0].mesh.positions);
 }
 
 /// What a job within `max_bytes` that may write the asset's own textures comes to, and the bytes of its file.
@@ -333,13 +388,13 @@ fn the_bytes_of_a_budget_are_used() {
     let asked = as_asked(&asset).unwrap();
     let files = Files::new(asset.clone(), &asked, u64::MAX, &options(), &Silent).unwrap();
     let choice = vec![[0, files.encodings - 1]];
-    let coarse = || Made::new(files.with(&asset, &choice).unwrap(), files.compression).unwrap();
+    let coarse = || Made::new(files.with(&asset, &choice).unwrap(), Compression::None).unwrap();
     let most = coarse().bytes * 5 / 4;
     let made = files.refined((&choice, coarse()), most).unwrap();
     let TextureEncoding::Jpeg { quality } = made.scene.images[0].encoding else { panic!("a JPEG") };
     let mut next = asset.clone();
     next.images[0] = asset.stored_as(0, TextureEncoding::Jpeg { quality: quality + 1 }).unwrap();
-    let next = Made::new(next, files.compression).unwrap();
+    let next = Made::new(next, Compression::None).unwrap();
     assert!(quality > 50 && made.bytes <= most && next.bytes > most, "{quality}: {} of {most}", made.bytes);
 }
 

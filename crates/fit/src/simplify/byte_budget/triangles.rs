@@ -1,5 +1,6 @@
 //! The triangles that bytes hold.
 
+use super::smallest;
 use crate::FitError;
 use crate::simplify::MIN_TRIANGLES;
 use photofit_scene::{Compression, Material, Scene, to_glb_with};
@@ -14,7 +15,7 @@ const UNUSED: f64 = 0.02;
 const CORRECTIONS: usize = 4;
 
 /// The triangles of an asset that a file of `most` bytes holds: all where the asset as it is fits, and otherwise as many as
-/// take [`GEOMETRY`] of it. Bytes are taken to follow the number of triangles, each instance with its own.
+/// take [`GEOMETRY`] of it, in the coarsest precision that geometry may have. Bytes are taken to follow the number of triangles, each instance with its own.
 ///
 /// # Errors
 /// If the geometry cannot be written.
@@ -23,6 +24,7 @@ pub(in crate::simplify) fn triangles_within(
     most: u64,
     compression: Compression,
 ) -> Result<usize, FitError> {
+    let compression = smallest(compression);
     let [geometry, stored] = geometry(scene, compression)?;
     let textures = to_glb_with(scene, compression)?.len() as f64 - stored;
     if geometry + textures <= most as f64 {
@@ -76,7 +78,7 @@ pub(in crate::simplify) fn others(
     Ok(())
 }
 
-/// Bytes of the file of a scene without its textures.
+/// Bytes of the smallest file of a scene without its textures, where geometry may be compressed so.
 ///
 /// # Errors
 /// If it cannot be written.
@@ -84,6 +86,7 @@ pub(in crate::simplify) fn bytes_without_textures(
     scene: &Scene,
     compression: Compression,
 ) -> Result<u64, FitError> {
+    let compression = smallest(compression);
     Ok(match scene.images.is_empty() {
         true => to_glb_with(scene, compression)?.len() as u64,
         false => geometry(scene, compression)?[1] as u64,
