@@ -31,6 +31,18 @@ impl Mesh {
         Some(self.positions.iter().fold((first, first), |(lo, hi), &p| (lo.min(p), hi.max(p))))
     }
 
+    /// Name and length of the first list of attributes that holds neither nothing nor one value a vertex.
+    pub fn misfit(&self) -> Option<(&'static str, usize)> {
+        let lists = [
+            ("normals", self.normals.len()),
+            ("uvs", self.uvs.len()),
+            ("uvs1", self.uvs1.len()),
+            ("tangents", self.tangents.len()),
+            ("colors", self.colors.len()),
+        ];
+        lists.into_iter().find(|(_, length)| *length != 0 && *length != self.positions.len())
+    }
+
     /// Positions of the corners of triangle `t`.
     #[inline]
     pub fn corners(&self, t: usize) -> [Vec3f; 3] {

@@ -41,16 +41,8 @@ pub fn midpoint(mesh: &Mesh, max_triangles: u64) -> Result<Subdivision, Geometry
         return Err(GeometryError::TooLarge { what: "triangle list", count, limit });
     }
     check_triangles(&mesh.triangles, n)?;
-    for (attribute, found) in [
-        ("normals", mesh.normals.len()),
-        ("uvs", mesh.uvs.len()),
-        ("uvs1", mesh.uvs1.len()),
-        ("tangents", mesh.tangents.len()),
-        ("colors", mesh.colors.len()),
-    ] {
-        if found != 0 && found != n {
-            return Err(GeometryError::AttributeLength { attribute, found, expected: n });
-        }
+    if let Some((attribute, found)) = mesh.misfit() {
+        return Err(GeometryError::AttributeLength { attribute, found, expected: n });
     }
     let edges = Edges::new(&mesh.triangles, &Weld::identity(n));
     let vertices = (n + edges.len()) as u64;

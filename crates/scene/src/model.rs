@@ -418,18 +418,10 @@ pub(crate) fn check_mesh(mesh: &Mesh) -> Result<(), String> {
     if u32::try_from(n).is_err() {
         return Err(format!("has {n} vertices; it may have at most {}", u32::MAX));
     }
-    for (name, length) in [
-        ("normals", mesh.normals.len()),
-        ("uvs", mesh.uvs.len()),
-        ("uvs1", mesh.uvs1.len()),
-        ("tangents", mesh.tangents.len()),
-        ("colors", mesh.colors.len()),
-    ] {
-        if length != 0 && length != n {
-            return Err(format!(
-                "has {length} {name} for {n} vertices; it must have none or one of {name} per vertex"
-            ));
-        }
+    if let Some((name, length)) = mesh.misfit() {
+        return Err(format!(
+            "has {length} {name} for {n} vertices; it must have none or one of {name} per vertex"
+        ));
     }
     match mesh.triangles.iter().flatten().find(|&&i| i as usize >= n) {
         Some(i) => Err(format!("names index {i}; it must be below the {n} vertices")),

@@ -27,7 +27,7 @@ pub(crate) enum GeometryFormat {
     None,
     /// Compressed, positions rounded to 2^-15 of the size, normals to .03 degrees; more within --max-bytes where that looks better.
     Meshopt,
-    /// Compressed, positions rounded to 2^-14 of the size, normals to half a degree: a fifth fewer bytes.
+    /// Compressed, positions rounded to 2^-13 of the size, normals to half a degree: a quarter fewer bytes.
     MeshoptCoarse,
 }
 

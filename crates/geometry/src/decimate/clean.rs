@@ -40,15 +40,11 @@ fn lengths(mesh: &Mesh, group: &[u32], importance: &[f32], options: &Options) ->
     if v > LIMIT || t > LIMIT {
         return Err(DecimateError::TooLarge);
     }
-    let arrays = [
-        ("normals", mesh.normals.len(), v),
-        ("uvs", mesh.uvs.len(), v),
-        ("uvs1", mesh.uvs1.len(), v),
-        ("colors", mesh.colors.len(), v),
-        ("locked", options.locked.len(), v),
-        ("group", group.len(), t),
-        ("importance", importance.len(), t),
-    ];
+    if let Some((name, found)) = mesh.misfit() {
+        return Err(DecimateError::Length { name, found, expected: v });
+    }
+    let arrays =
+        [("locked", options.locked.len(), v), ("group", group.len(), t), ("importance", importance.len(), t)];
     for (name, found, expected) in arrays {
         if found != 0 && found != expected {
             return Err(DecimateError::Length { name, found, expected });

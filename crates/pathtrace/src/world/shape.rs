@@ -78,20 +78,11 @@ impl Stored {
     }
 
     fn mesh(shape: usize, mut mesh: Mesh) -> Result<Self, PathtraceError> {
-        let n = mesh.positions.len();
-        for (name, length) in [
-            ("normals", mesh.normals.len()),
-            ("uvs", mesh.uvs.len()),
-            ("uvs1", mesh.uvs1.len()),
-            ("tangents", mesh.tangents.len()),
-            ("colors", mesh.colors.len()),
-        ] {
-            if length != 0 && length != n {
-                let rule = format!(
-                    "there are {length} {name} for {n} vertices; there must be none, or one a vertex"
-                );
-                return Err(invalid(format!("shape {shape}"), rule));
-            }
+        if let Some((name, length)) = mesh.misfit() {
+            let n = mesh.positions.len();
+            let rule =
+                format!("there are {length} {name} for {n} vertices; there must be none, or one a vertex");
+            return Err(invalid(format!("shape {shape}"), rule));
         }
         let bounds = bounds(&mesh).map_err(|cause| PathtraceError::Accel { shape, cause })?;
         let center = far_center(bounds);

@@ -12,7 +12,7 @@ fn compressed_geometry_comes_back_on_its_grid() {
     // Half a step in each of so many components, and what the meshes' and the normals' own rounding adds.
     for (precision, position, normal, coordinate, color) in [
         (Precision::Fine, 2.0_f32.powi(-15), 1e-3, 2.0_f32.powi(-15), 2.0_f32.powi(-12)),
-        (Precision::Coarse, 2.0_f32.powi(-14), 0.01, 2.0_f32.powi(-12), 2.0_f32.powi(-10)),
+        (Precision::Coarse, 2.0_f32.powi(-13), 0.01, 2.0_f32.powi(-12), 2.0_f32.powi(-10)),
     ] {
         let bytes = to_glb_with(&scene, Compression::Meshopt(precision)).unwrap();
         let again = from_glb(&bytes).unwrap();
