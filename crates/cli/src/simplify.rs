@@ -178,6 +178,7 @@ pub(crate) fn options(a: &Simplify) -> Result<SimplifyOptions> {
         compression: match a.compress {
             GeometryFormat::None => Compression::None,
             GeometryFormat::Meshopt => Compression::Meshopt(Precision::Fine),
+            GeometryFormat::MeshoptMedium => Compression::Meshopt(Precision::Medium),
             GeometryFormat::MeshoptCoarse => Compression::Meshopt(Precision::Coarse),
         },
         lighting,

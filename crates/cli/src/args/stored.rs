@@ -25,9 +25,11 @@ pub(crate) enum TextureFormat {
 pub(crate) enum GeometryFormat {
     /// As it is, for every reader.
     None,
-    /// Compressed, positions rounded to 2^-15 of the size, normals to .03 degrees; more within --max-bytes where that looks better.
+    /// Compressed, positions rounded to 2^-15 of the size, normals to .05 degrees; more within --max-bytes where that looks better.
     Meshopt,
-    /// Compressed, positions rounded to 2^-13 of the size, normals to half a degree: a quarter fewer bytes.
+    /// Compressed, positions rounded to 2^-14 of the size, normals to a degree: a fifth fewer bytes.
+    MeshoptMedium,
+    /// Compressed, positions rounded to 2^-13 of the size, normals to a degree.
     MeshoptCoarse,
 }
 

@@ -81,15 +81,19 @@ impl Made {
     }
 }
 
-/// How geometry may be stored where a budget of bytes binds it, finest first: with a coarser precision than was asked for, which leaves
+/// How geometry may be stored where a budget of bytes binds it, finest first: in coarser precisions than was asked for, too, which leave
 /// more to triangles and textures.
 fn compressions(asked: Compression) -> &'static [Compression] {
-    const ALL: [Compression; 2] =
-        [Compression::Meshopt(Precision::Fine), Compression::Meshopt(Precision::Coarse)];
+    const MESHOPT: [Compression; 3] = [
+        Compression::Meshopt(Precision::Fine),
+        Compression::Meshopt(Precision::Medium),
+        Compression::Meshopt(Precision::Coarse),
+    ];
     match asked {
         Compression::None => &[Compression::None],
-        Compression::Meshopt(Precision::Fine) => &ALL,
-        Compression::Meshopt(Precision::Coarse) => &ALL[1..],
+        Compression::Meshopt(Precision::Fine) => &MESHOPT,
+        Compression::Meshopt(Precision::Medium) => &MESHOPT[1..],
+        Compression::Meshopt(Precision::Coarse) => &MESHOPT[2..],
     }
 }
 
@@ -287,6 +291,7 @@ pub(super) fn told_geometry(compression: Compression) -> &'static str {
     match compression {
         Compression::None => "not compressed",
         Compression::Meshopt(Precision::Fine) => "meshopt",
+        Compression::Meshopt(Precision::Medium) => "meshopt, medium precision",
         Compression::Meshopt(Precision::Coarse) => "meshopt, coarse precision",
     }
 }

@@ -376,10 +376,10 @@ fn a_file_in_memory_must_have_all_of_its_data() {
     let text = from_glb(b"ply").unwrap_err().to_string();
     assert!(text.contains("byte 0") && text.contains("glTF"), "{text}");
     assert!(from_glb(&bytes[..bytes.len() - 4]).is_err());
-    // The same with a picture beside it: the JSON chunk with an image in place of its padding.
+    // The same with its buffer in another file.
     let json_length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
-    let json = std::str::from_utf8(&bytes[20..20 + json_length]).unwrap().trim_end();
-    let mut json = json.strip_suffix('}').unwrap().to_owned() + r#","images":[{"uri":"a.png"}]}"#;
+    let json = std::str::from_utf8(&bytes[20..20 + json_length]).unwrap();
+    let mut json = json.replace(r#""buffers":[{"#, r#""buffers":[{"uri":"a.bin","#);
     json += &" ".repeat(json.len().next_multiple_of(4) - json.len());
     let mut outside = bytes[..12].to_vec();
     outside.extend((json.len() as u32).to_le_bytes());
@@ -389,7 +389,7 @@ fn a_file_in_memory_must_have_all_of_its_data() {
     let length = outside.len() as u32;
     outside[8..12].copy_from_slice(&length.to_le_bytes());
     let text = from_glb(&outside).unwrap_err().to_string();
-    assert!(text.contains("`a.png`") && text.contains("from memory"), "{text}");
+    assert!(text.contains("`a.bin`") && text.contains("from memory"), "{text}");
 }
 
 #[test]

@@ -188,8 +188,8 @@ fn the_precision_of_geometry_follows_from_the_bytes() {
     let bytes = |precision| {
         photofit_scene::to_glb_with(&asset, Compression::Meshopt(precision)).unwrap().len() as u64
     };
-    let [fine, coarse] = [Precision::Fine, Precision::Coarse].map(bytes);
-    assert!(coarse * 10 < fine * 9, "{coarse} of {fine}");
+    let [fine, medium, coarse] = [Precision::Fine, Precision::Medium, Precision::Coarse].map(bytes);
+    assert!(medium * 10 < fine * 9 && coarse < medium, "{coarse} and {medium} of {fine}");
     let made = |most: u64| {
         let o = SimplifyOptions {
             max_bytes: Some(most),
@@ -208,8 +208,10 @@ fn the_precision_of_geometry_follows_from_the_bytes() {
     let (triangles, geometry, _) = made(fine + 100);
     assert_eq!((triangles, geometry), (all, "meshopt"));
     // All triangles fit when they are rounded more.
-    let (triangles, geometry, _) = made(coarse + 100);
-    assert_eq!((triangles, geometry), (all, "meshopt, coarse precision"));
+    for (bytes, precision) in [(medium, "meshopt, medium precision"), (coarse, "meshopt, coarse precision")] {
+        let (triangles, geometry, _) = made(bytes + 100);
+        assert_eq!((triangles, geometry), (all, precision));
+    }
     // Fewer: nearly all bytes are used.
     let (triangles, geometry, bytes) = made(coarse / 2);
     assert!(triangles < all && geometry == "meshopt, coarse precision", "{triangles} {geometry}");
@@ -220,7 +222,7 @@ fn the_precision_of_geometry_follows_from_the_bytes() {
 #[test]
 fn compressed_assets_meet_as_their_files_are_read() {
     let asset = of(displaced_sphere(20, 0.2, 5, 3), Material::clay());
-    for precision in [Precision::Fine, Precision::Coarse] {
+    for precision in [Precision::Fine, Precision::Medium, Precision::Coarse] {
         let compression = Compression::Meshopt(precision);
         let made = Made::new(asset.clone(), compression).unwrap();
         let file =
