@@ -400,7 +400,11 @@ impl Job<'_> {
                 "the written file is larger than the asset, {written} against {read}; {ways} may make it lighter\n"
             );
         }
-        text += &format!("wrote {}; geometry: {}; textures: {}\n", o.file.display(), o.geometry, o.textures);
+        let geometry = match o.compression {
+            Compression::None => String::new(),
+            compressed => format!("; geometry: {}", compressed.name()),
+        };
+        text += &format!("wrote {}{geometry}; textures: {}\n", o.file.display(), o.textures);
         print(&text)
     }
 
@@ -430,7 +434,7 @@ impl Job<'_> {
             "written": o.written.name(),
             "compared": o.was_chosen(),
             "textures": o.textures,
-            "geometry": o.geometry,
+            "geometry": o.compression.name(),
             "seconds": o.seconds,
             "fit_seconds": o.fit_seconds,
             "seconds_to_half_db": o.seconds_to_half_db,

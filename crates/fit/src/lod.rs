@@ -370,7 +370,7 @@ fn finish(
                 ));
                 continue;
             }
-            photofit_scene::save_glb_with(&level.path, &moving, options.fit.compression)?;
+            photofit_scene::save_glb_with(&level.path, &moving, level.outcome.compression)?;
             (level.blend, level.bytes) = (Some(blend), bytes(&level.path)?);
             scenes[k - 1] = moving;
         }
@@ -384,7 +384,9 @@ fn finish(
             _ => 0.0,
         };
         let coverage: Vec<f64> = (0..levels.len()).map(coverage).collect();
-        photofit_scene::save_glb_lods(path, &scenes, &coverage, options.fit.compression)?;
+        // Levels within a budget of bytes may be rounded coarser than was asked for: the file of all has no use for more bits.
+        let compression = levels.iter().map(|level| level.outcome.compression).max();
+        photofit_scene::save_glb_lods(path, &scenes, &coverage, compression.unwrap_or_default())?;
     }
     Ok(combined)
 }

@@ -1,9 +1,10 @@
-//! Textures that fit a file into a budget of bytes, with the least loss.
+//! Textures and precisions of geometry that fit a file into a budget of bytes, with the least loss.
 //!
 //! Of every image the files of several sizes and encodings are made, from the largest size on of which one fits. What one of them
-//! costs in pictures is estimated from few ([`files`]): rendered with that image halved or coarsely encoded, the others as they are. The sizes and encodings of least loss within the budget ([`allocation`]) then meet those that treat all images alike, in
-//! held-out views; what looks best gets the quality that the bytes leave, by bisection. Assets that are made to fit meet with the
-//! textures that their files would have ([`Budget::best`]).
+//! costs in pictures is estimated from few ([`files`]): rendered with that image halved or coarsely encoded, the others as they are.
+//! The sizes and encodings of least loss within the budget ([`allocation`]) then meet those that treat all images alike, with
+//! compressed geometry in each precision, in held-out views; what looks best gets the quality that the bytes leave, by bisection.
+//! Assets that are made to fit meet as their files are read ([`Budget::best`]).
 
 mod allocation;
 mod files;
@@ -41,10 +42,11 @@ impl Shapes {
         Self { images: std::mem::take(&mut light.images), bare: vec![light] }
     }
 
-    /// Adds the asset on another number of triangles, unless that shows other materials.
+    /// Adds the asset on another number of triangles, unless that shows other materials or is there.
     pub(super) fn add(&mut self, mut light: Scene) {
         let images = std::mem::take(&mut light.images);
-        if light.materials == self.bare[0].materials && images == self.images {
+        let new = self.bare.iter().all(|s| s.triangle_count() != light.triangle_count());
+        if new && light.materials == self.bare[0].materials && images == self.images {
             self.bare.push(light);
         }
     }
@@ -55,29 +57,22 @@ impl Shapes {
     }
 }
 
-/// An asset and the bytes of its file.
+/// An asset and its file.
 pub(super) struct Made {
     pub(super) scene: Scene,
     pub(super) compression: Compression,
-    bytes: u64,
+    file: Vec<u8>,
 }
 
 impl Made {
     /// # Errors
     /// If the file cannot be written.
     fn new(scene: Scene, compression: Compression) -> Result<Self, FitError> {
-        Ok(Self { bytes: to_glb_with(&scene, compression)?.len() as u64, scene, compression })
+        Ok(Self { file: to_glb_with(&scene, compression)?, scene, compression })
     }
 
-    /// The asset as its file is read.
-    ///
-    /// # Errors
-    /// If the file cannot be made.
-    fn read(&self) -> Result<Scene, FitError> {
-        match self.compression {
-            Compression::None => Ok(self.scene.clone()),
-            Compression::Meshopt(_) => Ok(from_glb(&to_glb_with(&self.scene, self.compression)?)?),
-        }
+    fn bytes(&self) -> u64 {
+        self.file.len() as u64
     }
 }
 
@@ -98,8 +93,15 @@ fn compressions(asked: Compression) -> &'static [Compression] {
 }
 
 /// The one of [`compressions`] that takes fewest bytes.
-pub(super) fn smallest(asked: Compression) -> Compression {
+fn coarsest(asked: Compression) -> Compression {
     compressions(asked)[compressions(asked).len() - 1]
+}
+
+/// The [`compressions`] by whose bytes triangles are counted: the coarsest where textures share the bytes with them, so that it is open how
+/// many triangles get; else each, since nothing else gives way.
+pub(super) fn counted_in(asked: Compression, textured: bool) -> &'static [Compression] {
+    let all = compressions(asked);
+    if textured { &all[all.len() - 1..] } else { all }
 }
 
 /// A budget of bytes, and what stands for looks within it.
@@ -122,10 +124,10 @@ impl Budget<'_> {
     /// # Panics
     /// If there is none.
     pub(super) fn best(&self, made: &[Made]) -> Result<usize, FitError> {
-        let fit: Vec<usize> = (0..made.len()).filter(|k| made[*k].bytes <= self.most).collect();
+        let fit: Vec<usize> = (0..made.len()).filter(|k| made[*k].bytes() <= self.most).collect();
         match fit[..] {
             [] => {
-                let smallest = (0..made.len()).min_by_key(|k| made[*k].bytes);
+                let smallest = (0..made.len()).min_by_key(|k| made[*k].bytes());
                 return Ok(smallest.expect("something to choose from"));
             }
             [one] => return Ok(one),
@@ -134,7 +136,7 @@ impl Budget<'_> {
             _ => {}
         }
         let Self { asset: Asset { scene, n, .. }, reference, options, progress, .. } = *self;
-        let stages = fit.iter().map(|k| Ok(Stage::new("", made[*k].read()?)));
+        let stages = fit.iter().map(|k| Ok(Stage::new("", from_glb(&made[*k].file)?)));
         let stages = stages.collect::<Result<Vec<Stage>, FitError>>()?;
         let views = (options.choice_views(), options.smallest_picture());
         let judge = options.judge_of(scene, n, reference);
@@ -148,22 +150,25 @@ impl Budget<'_> {
     /// # Errors
     /// If a file cannot be encoded.
     pub(super) fn or_whole(&self, made: Made, whole: Option<&Scene>) -> Result<(Made, bool), FitError> {
-        if made.bytes <= self.most {
+        if made.bytes() <= self.most {
             return Ok((made, false));
         }
         // Decimation splits vertices where attributes differ, so that all triangles may take more bytes than the source did.
         if let Some(whole) = whole {
             for compression in compressions(self.options.compression) {
-                let whole = Made::new(whole.clone(), *compression)?;
-                if whole.bytes <= self.most {
-                    return Ok((whole, true));
+                let file = to_glb_with(whole, *compression)?;
+                if file.len() as u64 <= self.most {
+                    return Ok((Made { scene: whole.clone(), compression: *compression, file }, true));
                 }
             }
         }
         let why = if made.scene.images.is_empty() {
             "the asset has no textures to reduce".to_owned()
         } else {
-            format!("the smallest has {}; fewer triangles or compressed geometry make it smaller", made.bytes)
+            format!(
+                "the smallest has {}; fewer triangles or compressed geometry make it smaller",
+                made.bytes()
+            )
         };
         self.progress.warn(&format!("no file of {} bytes can be made: {why}", self.most));
         Ok((made, false))
@@ -184,34 +189,33 @@ impl Budget<'_> {
         let mut out: Vec<Option<Made>> = Vec::new();
         for shape in &bare {
             let images = asked.iter().map(|i| i.clone().read_again()).collect::<Result<_, _>>()?;
-            out.push(self.untouched(Scene { images, ..shape.clone() })?);
+            out.push(self.unreduced(Scene { images, ..shape.clone() })?);
         }
         if out.iter().any(Option::is_none) {
             let large = bare.iter().zip(&out).filter(|(_, made)| made.is_none());
-            let smallest = smallest(options.compression);
-            let bytes = large.map(|(s, _)| Ok(triangles::geometry(s, smallest)?[1] as u64));
+            let coarsest = coarsest(options.compression);
+            let bytes = large.map(|(s, _)| Ok(triangles::geometry(s, coarsest)?[1] as u64));
             let least = bytes.collect::<Result<Vec<u64>, FitError>>()?.into_iter().min().unwrap_or(0);
             let files = Files::new(light, &asked, most.saturating_sub(least), options, progress)?;
             let variants = self.variants(&files)?;
             for (made, shape) in out.iter_mut().zip(&bare).filter(|(made, _)| made.is_none()) {
-                *made = Some(self.fitted(&files, variants.as_deref(), shape)?);
+                *made = Some(self.fitted((&files, &asked), variants.as_deref(), shape)?);
             }
         }
         Ok(out.into_iter().flatten().collect())
     }
 
-    /// A shape with its textures as they are, in the finest precision with which the file fits; `None` where none does and textures may
-    /// be reduced.
-    fn untouched(&self, shape: Scene) -> Result<Option<Made>, FitError> {
-        let mut made = None;
-        for compression in compressions(self.options.compression) {
-            let one = Made::new(shape.clone(), *compression)?;
-            if one.bytes <= self.most {
-                return Ok(Some(one));
+    /// A shape with its textures as they are and the precision that was asked for, if its file fits. One without textures in the finest
+    /// precision with which it fits, or the coarsest.
+    fn unreduced(&self, shape: Scene) -> Result<Option<Made>, FitError> {
+        let (all, textured) = (compressions(self.options.compression), !shape.images.is_empty());
+        for (k, compression) in all[..if textured { 1 } else { all.len() }].iter().enumerate() {
+            let file = to_glb_with(&shape, *compression)?;
+            if file.len() as u64 <= self.most || (!textured && k + 1 == all.len()) {
+                return Ok(Some(Made { scene: shape, compression: *compression, file }));
             }
-            made = Some(one);
         }
-        Ok(made.filter(|_| shape.images.is_empty()))
+        Ok(None)
     }
 
     /// What the files of each image cost and lose, where images are few and there is time to measure it.
@@ -223,41 +227,56 @@ impl Budget<'_> {
         Ok(Some(files.variants(&self.rasterized(files, trials.len(), &|i| files.trial(&trials[i]))?)))
     }
 
-    /// A shape with the textures and the precision that look best among those with which the file fits.
+    /// A shape with the textures and the precision that look best among those with which the file fits; `asked` are the textures as they
+    /// are.
     fn fitted(
         &self,
-        files: &Files,
+        (files, asked): (&Files, &[TextureImage]),
         variants: Option<&[Vec<Variant>]>,
         bare: &Scene,
     ) -> Result<Made, FitError> {
-        let smallest = files.smallest();
-        let (mut fitting, mut smallest_file) = (Vec::new(), None);
-        for compression in compressions(self.options.compression) {
-            let made = |choice: &Choice| Made::new(files.with(bare, choice)?, *compression);
-            let least = made(&smallest)?;
-            let others =
-                least.bytes.saturating_sub(files.bytes(&smallest)) + (AROUND * smallest.len()) as u64;
-            let room = self.most.saturating_sub(others);
-            let mut choices = files.alike(room);
-            choices.extend(variants.and_then(|variants| files.apart(variants, room)));
-            for choice in choices {
-                let made = made(&choice)?;
-                fitting.extend((made.bytes <= self.most).then_some((choice, made)));
+        let scene = |choice: &Option<Choice>| match choice {
+            Some(choice) => files.with(bare, choice),
+            None => {
+                let images = asked.iter().map(|i| i.clone().read_again()).collect::<Result<_, _>>()?;
+                Ok(Scene { images, ..bare.clone() })
             }
-            smallest_file = Some(least);
+        };
+        let (mut fitting, mut least) = (Vec::new(), None);
+        // The coarsest first: of files that look the same the one of fewest bytes is taken.
+        for compression in compressions(self.options.compression).iter().rev() {
+            let smallest = Some(files.smallest());
+            let smallest_file = to_glb_with(&scene(&smallest)?, *compression)?;
+            let images = smallest.as_ref().map_or(0, |choice| files.bytes(choice));
+            let others =
+                (smallest_file.len() as u64).saturating_sub(images) + (AROUND * files.images.len()) as u64;
+            least.get_or_insert((smallest, *compression, smallest_file));
+            let room = self.most.saturating_sub(others);
+            let mut choices: Vec<Option<Choice>> = files.alike(room).into_iter().map(Some).collect();
+            choices.extend(variants.and_then(|variants| files.apart(variants, room)).map(Some));
+            choices.push(None);
+            for choice in choices {
+                let file = to_glb_with(&scene(&choice)?, *compression)?;
+                fitting.extend((file.len() as u64 <= self.most).then_some((choice, *compression, file)));
+            }
         }
         let best = match fitting.len() {
-            0 => return Ok(smallest_file.expect("geometry is stored in one way at least")),
-            1 => 0,
-            _ if self.progress.is_cancelled() => 0,
-            count => judge::highest(&self.rasterized(files, count, &|i| fitting[i].1.read())?),
+            0 => None,
+            1 => Some(0),
+            _ if self.progress.is_cancelled() => Some(0),
+            count => Some(judge::highest(&self.rasterized(files, count, &|i| Ok(from_glb(&fitting[i].2)?))?)),
         };
-        let (choice, best) = fitting.swap_remove(best);
-        files.refined((&choice, best), self.most)
+        let found = best.map(|best| fitting.swap_remove(best)).or(least);
+        let (choice, compression, file) = found.expect("geometry is stored in one way at least");
+        let made = Made { scene: scene(&choice)?, compression, file };
+        match choice.filter(|_| best.is_some()) {
+            Some(choice) => files.refined((&choice, made), self.most),
+            None => Ok(made),
+        }
     }
 
-    /// How good `count` assets look in held-out views, by the rasterizer, which draws what textures of cores lose: they differ in
-    /// nothing else.
+    /// How good `count` assets look in held-out views, by the rasterizer, which draws what textures of cores and geometry lose: they
+    /// differ in nothing else.
     fn rasterized(
         &self,
         files: &Files,
@@ -283,16 +302,6 @@ impl Budget<'_> {
             )?);
         }
         Ok(scores)
-    }
-}
-
-/// How geometry is stored, for people.
-pub(super) fn told_geometry(compression: Compression) -> &'static str {
-    match compression {
-        Compression::None => "not compressed",
-        Compression::Meshopt(Precision::Fine) => "meshopt",
-        Compression::Meshopt(Precision::Medium) => "meshopt, medium precision",
-        Compression::Meshopt(Precision::Coarse) => "meshopt, coarse precision",
     }
 }
 

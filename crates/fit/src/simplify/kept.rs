@@ -93,7 +93,7 @@ pub(super) fn simplify(
     let judged = judge.method(&stages);
     let mut made = Outcome::new(triangles, trained, plan, &names, views, judged, times, options);
     (made.file, made.written, made.stopped) = (path, Written::Kept, stopped);
-    (made.textures, made.geometry) = (textures, byte_budget::told_geometry(compression));
+    (made.textures, made.compression) = (textures, compression);
     (made.left_out, made.not_fitted) = (outcome::left_out(given, written, options.appearance), Vec::new());
     prepare::tell_budget(options, triangles, progress);
     Ok(made)

@@ -264,7 +264,7 @@ pub(crate) fn simplify_asset(
         Outcome::new(triangles, trained, plan, &names, pictures, judge.method(&stages), times, options);
     outcome.device = device.name();
     (outcome.file, outcome.written) = (path, written);
-    (outcome.textures, outcome.geometry) = (textures, byte_budget::told_geometry(compression));
+    (outcome.textures, outcome.compression) = (textures, compression);
     let light = &stages[stages.len() - 1].scene;
     (outcome.left_out, outcome.not_fitted) = (
         outcome::left_out(given, light, options.appearance),

@@ -66,8 +66,8 @@ pub struct Outcome {
     pub appearance: Appearance,
     /// Its textures: sizes and encodings.
     pub textures: String,
-    /// How its geometry is stored: compressed or not, and its precision.
-    pub geometry: &'static str,
+    /// How its geometry is stored: within a budget of bytes maybe in a coarser precision than was asked for.
+    pub compression: Compression,
     /// The fitted asset in the normalised frame: the written one, unless that is [`Written::Decimated`] or
     /// [`Written::Whole`], or its maps were fitted through the path tracer. Of [`Written::Kept`] it has the shape alone.
     pub candidate: Candidate,
@@ -252,7 +252,7 @@ impl Outcome {
             written: Written::Fitted,
             appearance: options.appearance,
             textures: String::new(),
-            geometry: "",
+            compression: options.compression,
             candidate: trained.model.candidate,
             resolution: options.resolution,
             device: options.device.name(),

@@ -1,6 +1,6 @@
 //! The asset's own texture coordinates, textures and materials on fewer triangles: what a plain decimation gives.
 
-use super::byte_budget::{Shapes, bytes_without_textures, others};
+use super::byte_budget::{Shapes, bytes_without_textures, counted_in, others};
 use super::options::MILD_RATIO;
 use super::prepare::{decimated_only, importance};
 use super::{Asset, Normalised, SimplifyOptions, locks};
@@ -128,16 +128,18 @@ pub(super) fn shapes(
     // Where all triangles fit none is missing.
     let all = Target::Triangles(asset.scene.triangle_count());
     if let Some(most) = options.max_bytes.filter(|_| options.triangles_by_bytes && options.target != all) {
-        let bytes = |light: &Scene| {
-            bytes_without_textures(&super::dressed(light.clone(), asset, options), options.compression)
-        };
-        let decimated = |triangles: usize| {
-            let light = written(&decimation.decimated(asset, Target::Triangles(triangles), options)?);
-            bytes(&light).map(|bytes| (light, bytes))
-        };
         let (first, all) = (shapes.scene(0), asset.scene.triangle_count());
-        let first = (&first, bytes(&first)?, all);
-        others(first, most, &decimated, &|| progress.is_cancelled(), &mut |other| shapes.add(other))?;
+        for compression in counted_in(options.compression, !first.images.is_empty()) {
+            let bytes = |light: &Scene| {
+                bytes_without_textures(&super::dressed(light.clone(), asset, options), *compression)
+            };
+            let decimated = |triangles: usize| {
+                let light = written(&decimation.decimated(asset, Target::Triangles(triangles), options)?);
+                bytes(&light).map(|bytes| (light, bytes))
+            };
+            let first = (&first, bytes(&first)?, all);
+            others(first, most, &decimated, &|| progress.is_cancelled(), &mut |other| shapes.add(other))?;
+        }
     }
     Ok(shapes)
 }

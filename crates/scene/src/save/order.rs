@@ -8,6 +8,8 @@ use photofit_geometry::Mesh;
 const RECENT: usize = 16;
 /// Triangles whose edges the codec remembers at least.
 const EDGES: usize = 5;
+/// Triangles of a fan that are looked at for the next one: a vertex may be in all triangles of a mesh.
+const LOOKED_AT: usize = 64;
 
 /// The same primitive with reordered triangles and vertices.
 pub(super) fn ordered(bind: &Bind) -> Bind {
@@ -117,14 +119,14 @@ fn by_fans(triangles: &[[u32; 3]], vertices: usize) -> Vec<[u32; 3]> {
     }
 }
 
-/// Takes the triangle of a fan that shares an edge with the latest of those that are out, the first of equals.
+/// Takes a triangle of a fan, one that shares an edge with the latest of those that are out where there is one.
 fn take_next(fan: &mut Vec<usize>, triangles: &[[u32; 3]], out: &[[u32; 3]]) -> Option<usize> {
     let since = |t: usize| {
         let on_edge = |o: &[u32; 3]| o.iter().filter(|v| triangles[t].contains(v)).count() == 2;
         out.iter().rev().take(EDGES).position(on_edge).unwrap_or(EDGES)
     };
-    let next = (0..fan.len()).min_by_key(|k| since(fan[*k]))?;
-    Some(fan.remove(next))
+    let next = (0..fan.len().min(LOOKED_AT)).min_by_key(|k| since(fan[*k]))?;
+    Some(fan.swap_remove(next))
 }
 
 /// The vertex that has been at hand for the longest of those whose fan still fits.

@@ -202,7 +202,7 @@ impl Files {
                 scene.images[k] = image;
             }
             let made = Made::new(scene, best.compression)?;
-            if made.bytes <= most {
+            if made.bytes() <= most {
                 (best, low) = (made, more);
             } else {
                 high = more - 1;

@@ -1,6 +1,6 @@
 //! The triangles that bytes hold.
 
-use super::smallest;
+use super::coarsest;
 use crate::FitError;
 use crate::simplify::MIN_TRIANGLES;
 use photofit_scene::{Compression, Material, Scene, to_glb_with};
@@ -24,7 +24,7 @@ pub(in crate::simplify) fn triangles_within(
     most: u64,
     compression: Compression,
 ) -> Result<usize, FitError> {
-    let compression = smallest(compression);
+    let compression = coarsest(compression);
     let [geometry, stored] = geometry(scene, compression)?;
     let textures = to_glb_with(scene, compression)?.len() as f64 - stored;
     if geometry + textures <= most as f64 {
@@ -78,7 +78,7 @@ pub(in crate::simplify) fn others(
     Ok(())
 }
 
-/// Bytes of the smallest file of a scene without its textures, where geometry may be compressed so.
+/// Bytes of the file of a scene without its textures.
 ///
 /// # Errors
 /// If it cannot be written.
@@ -86,7 +86,6 @@ pub(in crate::simplify) fn bytes_without_textures(
     scene: &Scene,
     compression: Compression,
 ) -> Result<u64, FitError> {
-    let compression = smallest(compression);
     Ok(match scene.images.is_empty() {
         true => to_glb_with(scene, compression)?.len() as u64,
         false => geometry(scene, compression)?[1] as u64,
