@@ -254,7 +254,8 @@ impl Budget<'_> {
             let room = self.most.saturating_sub(others);
             let mut choices: Vec<Option<Choice>> = files.alike(room).into_iter().map(Some).collect();
             choices.extend(variants.and_then(|variants| files.apart(variants, room)).map(Some));
-            choices.push(None);
+            // As it was asked for, the file with all of the textures does not fit.
+            choices.extend((*compression != self.options.compression).then_some(None));
             for choice in choices {
                 let file = to_glb_with(&scene(&choice)?, *compression)?;
                 fitting.extend((file.len() as u64 <= self.most).then_some((choice, *compression, file)));
