@@ -119,7 +119,8 @@ pub(crate) struct Simplify {
     /// needs --textures ktx2, which alone holds levels. The fit runs on the CPU then.
     #[arg(long, value_enum, default_value = "classic")]
     pub(crate) mips: MipLevels,
-    /// Compress geometry: all kinds of meshopt are `EXT_meshopt_compression`, which three.js, Babylon.js, Godot and others read.
+    /// Compress geometry: all kinds of meshopt are `EXT_meshopt_compression`, which three.js, Babylon.js, Godot and others read;
+    /// within --max-bytes those coarser than this one are tried, too, and the last line tells which was taken.
     #[arg(long, value_enum, default_value = "none")]
     pub(crate) compress: GeometryFormat,
     /// Store opaque textures as JPEG of quality Q, 90 without a number: a third of the bytes [range: 1 to 100] [default:

@@ -25,8 +25,7 @@ pub(crate) enum TextureFormat {
 pub(crate) enum GeometryFormat {
     /// As it is, for every reader.
     None,
-    /// Compressed, positions rounded to 2^-15 of the size of the smallest part, normals to .06 degrees; within --max-bytes also as
-    /// below, where that looks better.
+    /// Compressed, positions rounded to 2^-15 of the size of the smallest part, normals to .06 degrees.
     Meshopt,
     /// Compressed, positions rounded to 2^-14, normals to 1.3 degrees: about a sixth fewer bytes of geometry.
     MeshoptMedium,
