@@ -243,14 +243,15 @@ impl Budget<'_> {
             }
         };
         let (mut fitting, mut least) = (Vec::new(), None);
+        let smallest = files.smallest();
+        let images = files.bytes(&smallest);
+        let smallest = Some(smallest);
         // The coarsest first: of files that look the same the one of fewest bytes is taken.
         for compression in compressions(self.options.compression).iter().rev() {
-            let smallest = Some(files.smallest());
             let smallest_file = to_glb_with(&scene(&smallest)?, *compression)?;
-            let images = smallest.as_ref().map_or(0, |choice| files.bytes(choice));
             let others =
                 (smallest_file.len() as u64).saturating_sub(images) + (AROUND * files.images.len()) as u64;
-            least.get_or_insert((smallest, *compression, smallest_file));
+            least.get_or_insert((smallest.clone(), *compression, smallest_file));
             let room = self.most.saturating_sub(others);
             let mut choices: Vec<Option<Choice>> = files.alike(room).into_iter().map(Some).collect();
             choices.extend(variants.and_then(|variants| files.apart(variants, room)).map(Some));

@@ -100,9 +100,7 @@ pub fn load_with(path: impl AsRef<Path>, limits: &Limits) -> Result<Scene, Scene
     scene.source_bytes = bytes.len() as u64 + folder.bytes_read();
     scene.files = folder.into_files();
     scene.name = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-    scene.check().map_err(|f| f.in_file(path))?;
-    check_extent(&scene).map_err(|f| f.in_file(path))?;
-    Ok(scene)
+    checked(scene).map_err(|f| f.in_file(path))
 }
 
 /// The scene of a `.glb` file that is in memory, as [`to_glb`](crate::to_glb) makes them, with the default [`Limits`]; it may refer to no
@@ -112,15 +110,20 @@ pub fn load_with(path: impl AsRef<Path>, limits: &Limits) -> Result<Scene, Scene
 /// As [`load`].
 pub fn from_glb(bytes: &[u8]) -> Result<Scene, SceneError> {
     if !bytes.starts_with(b"glTF") {
-        return Err(
-            fault("byte 0", "the file does not begin with the magic `glTF`; a .glb file must").in_scene()
-        );
+        return Err(fault("byte 0", NO_MAGIC).in_scene());
     }
     let mut scene =
         gltf::parse_glb(bytes, &file::Folder::default(), &Limits::default()).map_err(Fault::in_scene)?;
     scene.source_bytes = bytes.len() as u64;
-    scene.check().map_err(Fault::in_scene)?;
-    check_extent(&scene).map_err(Fault::in_scene)?;
+    checked(scene).map_err(Fault::in_scene)
+}
+
+const NO_MAGIC: &str = "the file does not begin with the magic `glTF`; a .glb file must";
+
+/// A scene that was read, if it is valid.
+fn checked(scene: Scene) -> Result<Scene, Fault> {
+    scene.check()?;
+    check_extent(&scene)?;
     Ok(scene)
 }
 
@@ -143,7 +146,7 @@ fn parse(path: &Path, bytes: &[u8], folder: &file::Folder, limits: &Limits) -> R
     match extension.as_str() {
         "obj" => obj::parse(text, folder, limits, obj::Missing::Creased),
         "gltf" | "glb" | "json" | "" if first == Some(b'{') => gltf::parse_json(text, folder, limits),
-        "glb" => Err(fault("byte 0", "the file does not begin with the magic `glTF`; a .glb file must")),
+        "glb" => Err(fault("byte 0", NO_MAGIC)),
         "gltf" => Err(fault("byte 0", "the file is no JSON object; a .gltf file must be one")),
         "ply" => Err(fault("byte 0", "the file does not begin with the line `ply`; a .ply file must")),
         other => Err(fault(

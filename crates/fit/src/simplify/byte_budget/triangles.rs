@@ -15,7 +15,8 @@ const UNUSED: f64 = 0.02;
 const CORRECTIONS: usize = 4;
 
 /// The triangles of an asset that a file of `most` bytes holds: all where the asset as it is fits, and otherwise as many as
-/// take [`GEOMETRY`] of it, in the coarsest precision that geometry may have. Bytes are taken to follow the number of triangles, each instance with its own.
+/// take [`GEOMETRY`] of it, in the coarsest precision that geometry may have. Bytes are taken to follow the number of triangles, each
+/// instance with its own.
 ///
 /// # Errors
 /// If the geometry cannot be written.
