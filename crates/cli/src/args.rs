@@ -366,6 +366,34 @@ mod tests {
         Cli::command().debug_assert();
     }
 
+    /// The options of a command and of those below it that its row of the README leaves out.
+    fn missing(readme: &str, path: &str, command: &clap::Command) -> Vec<String> {
+        let subcommands: Vec<_> = command.get_subcommands().filter(|c| c.get_name() != "help").collect();
+        if !subcommands.is_empty() {
+            let below = |c: &&clap::Command| missing(readme, &format!("{path} {}", c.get_name()), c);
+            return subcommands.iter().flat_map(below).collect();
+        }
+        let start = format!("| `{path}");
+        let Some(row) = readme.lines().find(|l| l.starts_with(&start)) else { return vec![path.to_owned()] };
+        let options = command.get_arguments().filter(|a| !a.is_hide_set()).filter_map(Arg::get_long);
+        let stands = |option: &str| {
+            let option = format!("--{option}");
+            row.split(&option)
+                .skip(1)
+                .any(|rest| !rest.starts_with(|c: char| c == '-' || c.is_ascii_lowercase()))
+        };
+        let unnamed = options.filter(|o| !["output", "help", "version"].contains(o) && !stands(o));
+        unnamed.map(|o| format!("{path} --{o}")).collect()
+    }
+
+    #[test]
+    fn the_readme_has_every_option() {
+        let readme = include_str!("../../../README.md");
+        let mut command = Cli::command();
+        command.build();
+        assert_eq!(missing(readme, "photofit", &command), Vec::<String>::new());
+    }
+
     /// The options of all commands that take a value which is no path, with what the command needs to be parsed.
     fn valued() -> Vec<(Vec<&'static str>, Arg)> {
         let needed: [&[&str]; 14] = [

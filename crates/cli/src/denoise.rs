@@ -12,7 +12,7 @@ use anyhow::{Result, anyhow, bail};
 use photofit_denoise::DenoiseError;
 #[cfg(feature = "gpu")]
 use photofit_denoise::mc::denoise_on;
-use photofit_denoise::mc::{Denoised, Frame, Guides, Sequence, Settings, Stage, denoise};
+use photofit_denoise::mc::{Denoised, Frame, Guides, Sequence, Settings, Stage, Stages, denoise};
 use photofit_fit::Progress;
 use photofit_image::{
     DEFAULT_PIXELS_PER_DEGREE, ExrLayer, Image, flip, psnr_from_mse, rmse, ssim, to_display,
@@ -127,7 +127,10 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
     let mut text = String::new();
     if a.explain {
         text += &result.plan.to_string();
-        last.sources.iter().for_each(|(kind, from)| text += &format!("{kind} from {from}\n"));
+        for (kind, from) in &last.sources {
+            let unused = if is_left_out(*kind, settings.without) { ", left out" } else { "" };
+            text += &format!("{kind} from {from}{unused}\n");
+        }
     }
     let told = told(gpu, &why, &result);
     if gpu.is_some() && !result.plan.runs("device") {
@@ -136,7 +139,7 @@ pub(crate) fn run(a: &Denoise) -> Result<()> {
     if a.device != Device::Cpu {
         text += &format!("device: {told}\n");
     }
-    let mut value = json_of(a, &last, &result, seconds);
+    let mut value = json_of(a, &last, settings.without, &result, seconds);
     value["device"] = json!(told);
     if let Some((_, reference)) = &reference {
         progress.report("compare", 0, 1, "");
@@ -330,15 +333,29 @@ fn write(path: &Path, mut planes: Vec<f32>, noisy: &Planes) -> Result<()> {
     Ok(write_exr_planes(path, &[ExrLayer { name: String::new(), width, height, channels, planes }])?)
 }
 
-fn json_of(a: &Denoise, last: &Loaded, result: &Denoised, seconds: f64) -> Value {
+/// Whether a layer is read and not used.
+fn is_left_out(kind: Kind, without: Stages) -> bool {
+    let input = match kind {
+        Kind::Color => return false,
+        Kind::Albedo => Stage::Albedo,
+        Kind::Normal => Stage::Normal,
+        Kind::Depth | Kind::Position => Stage::Position,
+        Kind::Variance => Stage::Variance,
+    };
+    without.has(input)
+}
+
+fn json_of(a: &Denoise, last: &Loaded, without: Stages, result: &Denoised, seconds: f64) -> Value {
     let steps: Vec<Value> = result
         .plan
         .steps
         .iter()
         .map(|s| json!({ "name": s.name, "runs": s.runs, "why": s.why, "seconds": s.seconds }))
         .collect();
-    let sources: serde_json::Map<String, Value> =
-        last.sources.iter().map(|(kind, from)| (kind.to_string(), json!(from))).collect();
+    let of = |left_out: bool| -> serde_json::Map<String, Value> {
+        let some = last.sources.iter().filter(|(kind, _)| is_left_out(*kind, without) == left_out);
+        some.map(|(kind, from)| (kind.to_string(), json!(from))).collect()
+    };
     json!({
         "input": a.input.display().to_string(),
         "output": a.output.display().to_string(),
@@ -349,7 +366,8 @@ fn json_of(a: &Denoise, last: &Loaded, result: &Denoised, seconds: f64) -> Value
         "holes": result.holes,
         "fireflies": result.fireflies,
         "strength": result.strength,
-        "layers": sources,
+        "layers": of(false),
+        "layers_left_out": of(true),
         "plan": steps,
     })
 }

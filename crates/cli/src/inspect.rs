@@ -67,10 +67,11 @@ fn kind(light: &PunctualLight) -> &'static str {
     }
 }
 
-/// Names of the attributes that a primitive has.
-fn attributes(mesh: &photofit_geometry::Mesh) -> Vec<&'static str> {
+/// Names of the attributes that a primitive has in the file.
+fn attributes(scene: &Scene, primitive: usize) -> Vec<&'static str> {
+    let mesh = &scene.primitives[primitive].mesh;
     [
-        ("normals", mesh.normals.is_empty()),
+        ("normals", mesh.normals.is_empty() || has_computed_normals(scene, primitive)),
         ("tangents", mesh.tangents.is_empty()),
         ("uv 0", mesh.uvs.is_empty()),
         ("uv 1", mesh.uvs1.is_empty()),
@@ -79,6 +80,11 @@ fn attributes(mesh: &photofit_geometry::Mesh) -> Vec<&'static str> {
     .into_iter()
     .filter_map(|(name, absent)| (!absent).then_some(name))
     .collect()
+}
+
+/// Whether the file has no normals for a primitive.
+fn has_computed_normals(scene: &Scene, primitive: usize) -> bool {
+    scene.computed_normals.binary_search(&primitive).is_ok()
 }
 
 fn named(name: &str) -> String {
@@ -99,12 +105,14 @@ fn text(path: &Path, scene: &Scene) -> String {
         out += &format!("  box of {:.4} x {:.4} x {:.4} units, area {:.4}\n", d.x, d.y, d.z, scene.area());
     }
     for (i, p) in scene.primitives.iter().enumerate() {
+        let mut attributes = attributes(scene, i);
+        attributes.extend(has_computed_normals(scene, i).then_some("normals are computed"));
         out += &format!(
             "  primitive {i}: {}, {}, material {}; {}\n",
             counted(p.mesh.triangles.len(), "triangle"),
             counted(p.mesh.positions.len(), "vertex"),
             p.material,
-            attributes(&p.mesh).join(", ")
+            attributes.join(", ")
         );
     }
     for (i, m) in scene.materials.iter().enumerate() {
@@ -129,6 +137,9 @@ fn text(path: &Path, scene: &Scene) -> String {
             let names = if names.is_empty() { names } else { format!(": {names}") };
             out += &format!("  mesh {i}{}: {targets}{names}\n", named(&mesh.name));
         }
+    }
+    for (i, skin) in scene.hierarchy.iter().flat_map(|h| &h.skins).enumerate() {
+        out += &format!("  skin {i}{}: {}\n", named(&skin.name), counted(skin.joints.len(), "joint"));
     }
     for (i, a) in scene.hierarchy.iter().flat_map(|h| &h.animations).enumerate() {
         out += &format!("  animation {i}{}: {:.3} s\n", named(&a.name), a.duration());
@@ -186,12 +197,14 @@ fn to_json(path: &Path, scene: &Scene) -> Value {
     let primitives: Vec<Value> = scene
         .primitives
         .iter()
-        .map(|p| {
+        .enumerate()
+        .map(|(i, p)| {
             json!({
                 "triangles": p.mesh.triangles.len(),
                 "vertices": p.mesh.positions.len(),
                 "material": p.material,
-                "attributes": attributes(&p.mesh),
+                "attributes": attributes(scene, i),
+                "computed_normals": has_computed_normals(scene, i),
             })
         })
         .collect();
@@ -232,6 +245,9 @@ fn to_json(path: &Path, scene: &Scene) -> Value {
         "morph_targets": scene.hierarchy.iter().flat_map(|h| &h.meshes).map(|mesh| json!({
             "mesh": mesh.name, "count": mesh.targets(), "names": mesh.target_names().collect::<Vec<_>>(),
         })).filter(|mesh| mesh["count"] != 0).collect::<Vec<_>>(),
+        "skins": scene.hierarchy.iter().flat_map(|h| &h.skins).map(|skin| json!({
+            "name": skin.name, "joints": skin.joints.len(),
+        })).collect::<Vec<_>>(),
         "animations": scene.hierarchy.iter().flat_map(|h| &h.animations).map(|a| json!({
             "name": a.name, "seconds": a.duration(),
         })).collect::<Vec<_>>(),

@@ -73,7 +73,7 @@ pub(crate) fn run(a: &Simplify) -> Result<Ending> {
     let chain = simplify_chain(&scene, &a.output, &options, &progress).map_err(told)?;
     progress.finish();
     let summary = summary_path(&a.output);
-    let (figures, unwritten) = tell(a, &scene, &chain)?;
+    let (figures, unwritten) = tell(a, &scene, &chain, &progress.warned())?;
     if a.explain {
         output::name_suite(SUITE)?;
     }
@@ -120,8 +120,13 @@ fn of_command(error: FitError) -> FitError {
     }
 }
 
-/// Reports every level; all figures as JSON, and why a report is not written.
-fn tell(a: &Simplify, scene: &Scene, chain: &LodChain) -> Result<(Value, Option<Error>)> {
+/// Reports every level, with the warnings of the chain; all figures as JSON, and why a report is not written.
+fn tell(
+    a: &Simplify,
+    scene: &Scene,
+    chain: &LodChain,
+    warnings: &[String],
+) -> Result<(Value, Option<Error>)> {
     let (mut levels, mut unwritten) = (Vec::new(), None);
     for (k, level) in chain.levels.iter().enumerate() {
         print(&format!("level {} of {}, for {} pixels\n", k + 1, a.lod.len(), level.size))?;
@@ -133,7 +138,7 @@ fn tell(a: &Simplify, scene: &Scene, chain: &LodChain) -> Result<(Value, Option<
             report: report.as_deref(),
             explain: a.explain,
         };
-        let (mut figures, failed) = job.tell(scene, Some(level.size), &level.outcome)?;
+        let (mut figures, failed) = job.tell(scene, Some(level.size), &level.outcome, warnings)?;
         unwritten = unwritten.or(failed);
         figures["size"] = json!(level.size);
         figures["switch_size"] = json!(level.switch_size);

@@ -105,13 +105,30 @@ pub(crate) fn quality(q: &Quality) -> Value {
     })
 }
 
-/// A table of qualities; its last column is the share of the error that lies at the outline.
-pub(crate) fn quality_table(rows: &[(&str, &Quality)]) -> String {
-    let mut text = format!("{:<12} {:>10} {:>8} {:>8} {:>11}\n", "", "PSNR dB", "SSIM", "FLIP", "at outline");
-    for (name, q) in rows {
-        let outline = 100.0 * q.outline;
-        text +=
-            &format!("{name:<12} {:>10} {:>8.4} {:>8.4} {outline:>9.0} %\n", q.decibels(2), q.ssim, q.flip);
+/// A table of qualities, with numbers of triangles where they are known; its last column is the share of the error that lies at the
+/// outline.
+pub(crate) fn quality_table(rows: &[(&str, Option<usize>, &Quality)]) -> String {
+    let width = rows.iter().map(|r| r.0.len()).fold(11, usize::max) + 1;
+    let counts = rows.iter().any(|r| r.1.is_some());
+    let counted = |text: &str| if counts { format!(" {text:>10}") } else { String::new() };
+    let mut text = format!(
+        "{:<width$}{} {:>10} {:>8} {:>8} {:>11}\n",
+        "",
+        counted("triangles"),
+        "PSNR dB",
+        "SSIM",
+        "FLIP",
+        "at outline"
+    );
+    for (name, triangles, q) in rows {
+        text += &format!(
+            "{name:<width$}{} {:>10} {:>8.4} {:>8.4} {:>9.0} %\n",
+            counted(&triangles.map_or_else(String::new, count)),
+            q.decibels(2),
+            q.ssim,
+            q.flip,
+            100.0 * q.outline
+        );
     }
     text +=
         "at outline: share of the squared error where one of the two covers a pixel and the other does not\n";
@@ -165,6 +182,17 @@ mod tests {
         }
         for (n, text) in [(12, "12 B"), (1536, "1.5 KiB"), (3 << 20, "3.0 MiB"), (5 << 30, "5.00 GiB")] {
             assert_eq!(bytes(n), text);
+        }
+    }
+
+    #[test]
+    fn columns_stand_below_each_other() {
+        let q = Quality { psnr: 30.0, ..Quality::default() };
+        for triangles in [None, Some(1_234_567)] {
+            let table = quality_table(&[("file", triangles, &q), ("shrink-wrapped", triangles, &q)]);
+            let ends: Vec<usize> = table.lines().take(3).map(str::len).collect();
+            assert_eq!(ends, [ends[0]; 3], "{table}");
+            assert_eq!(table.contains("1,234,567"), triangles.is_some(), "{table}");
         }
     }
 

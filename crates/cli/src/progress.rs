@@ -29,6 +29,7 @@ pub(crate) struct Terminal {
     /// The steps are gone through several times.
     rounds: bool,
     state: Mutex<State>,
+    warnings: Mutex<Vec<String>>,
 }
 
 struct State {
@@ -73,6 +74,7 @@ impl Terminal {
             steps,
             rounds,
             state: Mutex::new(State { bar, stage: "", step: 0, began: now, spoke: now, first: 0 }),
+            warnings: Mutex::default(),
         }
     }
 
@@ -82,6 +84,11 @@ impl Terminal {
         let again = self.rounds && step > 0 && before == self.steps.len();
         // A later step may repeat a stage of an earlier one.
         if again { step } else { before.max(step) }
+    }
+
+    /// What was warned of so far.
+    pub(crate) fn warned(&self) -> Vec<String> {
+        self.warnings.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Ends the last stage.
@@ -165,6 +172,7 @@ impl Progress for Terminal {
     }
 
     fn warn(&self, text: &str) {
+        self.warnings.lock().unwrap_or_else(PoisonError::into_inner).push(text.to_owned());
         self.note(&format!("warning: {text}"));
     }
 

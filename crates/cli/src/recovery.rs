@@ -51,7 +51,7 @@ impl Recovery<'_> {
         }
         let (file, lines) = self.left_out;
         lines.iter().for_each(|line| say(&format!("warning: {}: left out: {line}", file.display())));
-        print(&format!("{}\n{text}", output::quality_table(&self.stages)))?;
+        print(&format!("{}\n{text}", output::quality_table(&self.stages.map(|(name, q)| (name, None, q)))))?;
         let report = course.report.as_deref().map_or(Ok(()), |folder| {
             let unwritten = |e| anyhow!("{e}: the report is not written; {} is", output.display());
             print(&format!("wrote {}\n", self.write(folder).map_err(unwritten)?))

@@ -258,7 +258,7 @@ impl Job<'_> {
             Target::ScreenSize(pixels) => Some(pixels),
             _ => None,
         };
-        let (json, unwritten) = self.tell(scene, screen_size, &outcome)?;
+        let (json, unwritten) = self.tell(scene, screen_size, &outcome, &progress.warned())?;
         if self.explain {
             output::name_suite(SUITE)?;
         }
@@ -310,6 +310,7 @@ impl Job<'_> {
         scene: &Scene,
         screen_size: Option<f64>,
         outcome: &Outcome,
+        warnings: &[String],
     ) -> Result<(Value, Option<Error>)> {
         if outcome.fit_stopped {
             let alone = if outcome.was_chosen() { "" } else { ", and nothing else was compared with it" };
@@ -337,7 +338,7 @@ impl Job<'_> {
             say(&format!("{}: kept, but not drawn while fitting: {line}", self.input.display()));
         }
         self.print_summary(scene, outcome)?;
-        let (report, unwritten) = match self.write_report(scene, screen_size, outcome) {
+        let (report, unwritten) = match self.write_report(scene, screen_size, outcome, warnings) {
             Ok(report) => (report, None),
             Err(e) => (None, Some(anyhow!("{e}: the report is not written; {} is", outcome.file.display()))),
         };
@@ -345,6 +346,7 @@ impl Job<'_> {
             print(&format!("wrote {}\n", page.display()))?;
         }
         let mut json = self.json(scene, outcome, report.as_deref());
+        json["warnings"] = scene.warnings.iter().chain(warnings).cloned().collect();
         json["stopped_by"] = match (outcome.stopped, ending(outcome.stopped)) {
             (false, _) => Value::Null,
             (true, Ending::Stopped) => json!("signal"),
@@ -358,6 +360,7 @@ impl Job<'_> {
         scene: &Scene,
         screen_size: Option<f64>,
         outcome: &Outcome,
+        warnings: &[String],
     ) -> Result<Option<PathBuf>> {
         let Some(folder) = self.report else { return Ok(None) };
         let info = ReportInfo {
@@ -366,13 +369,15 @@ impl Job<'_> {
             title: name(self.input),
             command: output::command_line(),
             bytes_in: Some(scene.source_bytes),
+            warnings: warnings.to_vec(),
             screen_size,
         };
         Ok(Some(write_report(folder, outcome, &info)?))
     }
 
     fn print_summary(&self, scene: &Scene, o: &Outcome) -> Result<()> {
-        let rows: Vec<(&str, &Quality)> = o.stages.iter().map(|(name, q)| (*name, q)).collect();
+        let rows: Vec<(&str, Option<usize>, &Quality)> =
+            o.stages.iter().map(|s| (s.name, Some(s.triangles), &s.quality)).collect();
         let mut text = output::quality_table(&rows);
         text += &format!(
             "\n{}\n{}\n{} -> {}, {} -> {}, {}, {:.1} s ({:.1} s of it until the file was written)\n",
@@ -390,8 +395,8 @@ impl Job<'_> {
         let finer = scene.images.iter().map(|i| i.width * i.height).max()
             > Some(o.candidate.maps.levels[0].texels.len());
         // More texels help where there are more to take, and the file may still grow.
-        if lighter && finer && Verdict::of(o).better.is_some_and(|(name, _)| name == "decimated") {
-            text += "the asset's own materials on as many triangles score better: a larger --texture-size may help\n";
+        if lighter && finer && Verdict::of(o).better.is_some_and(|s| s.name == "decimated") {
+            text += "the asset's own materials with all their texels score better: a larger --texture-size may help\n";
         }
         if let Some(bytes) = bytes_of(o).filter(|b| *b > scene.source_bytes && scene.source_bytes > 0) {
             let (written, read) = (output::bytes(bytes), output::bytes(scene.source_bytes));
@@ -412,9 +417,7 @@ impl Job<'_> {
         let views: Vec<Value> = o
             .views
             .iter()
-            .map(|v| {
-                o.stages.iter().zip(&v.quality).map(|(s, q)| (s.0.to_owned(), output::quality(&q.quality)))
-            })
+            .map(|v| o.stages.iter().zip(&v.quality).map(|(s, q)| (key(s.name), output::quality(&q.quality))))
             .map(|stages| Value::Object(stages.collect()))
             .collect();
         let history: Vec<Value> = o
@@ -430,9 +433,11 @@ impl Job<'_> {
             "triangles_out": o.triangles_out,
             "bytes_in": scene.source_bytes,
             "bytes_out": bytes_of(o),
+            "max_bytes": o.max_bytes,
             "verdict": Verdict::of(o).likeness.to_string(),
             "written": o.written.name(),
             "compared": o.was_chosen(),
+            "choice_cut": o.choice_cut,
             "textures": o.textures,
             "geometry": o.compression.name(),
             "seconds": o.seconds,
@@ -450,7 +455,6 @@ impl Job<'_> {
             "traced_maps": o.traced_maps.as_ref().map(traced_maps),
             "left_out": o.left_out,
             "not_fitted": o.not_fitted,
-            "warnings": scene.warnings,
             "judged": match o.judged {
                 Judged::Rasterized => "rasterized".to_owned(),
                 Judged::RasterizedAgainst(reference) => format!("reference {}", reference.name),
@@ -458,14 +462,21 @@ impl Job<'_> {
             },
             "judge_spp": (o.judged != Judged::Rasterized).then_some(o.judge_spp),
         });
-        for (stage, q) in &o.stages {
-            out[*stage] = output::quality(q);
+        for s in &o.stages {
+            let mut quality = output::quality(&s.quality);
+            quality["triangles"] = json!(s.triangles);
+            out[key(s.name)] = quality;
         }
-        if let Some(q) = o.shipped() {
-            out["file"] = output::quality(q);
+        if let Some(last) = o.stages.last() {
+            out["file"] = out[key(last.name)].clone();
         }
         out
     }
+}
+
+/// The key of a stage in JSON.
+fn key(stage: &str) -> String {
+    stage.replace('-', "_")
 }
 
 /// Bytes of the written file.

@@ -4,7 +4,7 @@
 #![expect(clippy::print_stdout, reason = "an example reports on its stream")]
 
 use photofit_fit::Silent;
-use photofit_fit::simplify::{SimplifyOptions, simplify};
+use photofit_fit::simplify::{SimplifyOptions, StageQuality, simplify};
 use photofit_geometry::{decimate::Target, shapes};
 use photofit_scene::{Instance, Material, Primitive, Scene};
 use std::path::PathBuf;
@@ -29,8 +29,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let outcome = simplify(&rock, &out, &options, &Silent)?;
     println!("{} triangles instead of {}: {}", outcome.triangles_out, outcome.triangles_in, out.display());
-    for (stage, quality) in &outcome.stages {
-        println!("{stage:>10}: PSNR {:.2} dB, FLIP {:.3}", quality.psnr, quality.flip);
+    for StageQuality { name, triangles, quality } in &outcome.stages {
+        println!("{name:>14}, {triangles} triangles: PSNR {:.2} dB, FLIP {:.3}", quality.psnr, quality.flip);
     }
     println!("{:.1} s", outcome.seconds);
     Ok(())

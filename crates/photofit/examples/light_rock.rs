@@ -25,8 +25,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let output = std::env::args().nth(1).unwrap_or_else(|| "light_rock.glb".into());
     let outcome = simplify(&rock, output.as_ref(), &options, &Silent)?;
     println!("{} -> {} triangles", outcome.triangles_in, outcome.triangles_out);
-    for (stage, quality) in &outcome.stages {
-        println!("  {stage:<10} {:>6} dB, FLIP {:.3}", quality.decibels(2), quality.flip);
+    for stage in &outcome.stages {
+        let quality = &stage.quality;
+        println!("  {:<14} {:>6} dB, FLIP {:.3}", stage.name, quality.decibels(2), quality.flip);
     }
     println!("wrote {output}");
     Ok(())

@@ -115,6 +115,8 @@ pub struct Scene {
     pub primitives: Vec<Primitive>,
     /// Placements; the same primitive may appear many times.
     pub instances: Vec<Instance>,
+    /// Primitives whose normals are computed, since the file has none for them, in order.
+    pub computed_normals: Vec<usize>,
     /// The attribute of vertices that was asked for ([`crate::Limits::vertex_attribute`]), in the order of the primitives.
     pub vertex_attributes: Vec<VertexAttribute>,
     /// Names of attributes of vertices and morph targets that are not read, sorted: those of glTF that a scene has no place

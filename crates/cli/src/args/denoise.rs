@@ -110,6 +110,16 @@ impl Denoise {
         if let Some(twice) = self.without.iter().enumerate().find(|(k, s)| self.without[..*k].contains(s)) {
             return Err(format!("--without names {} twice; each stage must be named once", twice.1));
         }
+        let model = self.model.model();
+        let none = |s: &&Stage| !s.is_of(model) && self.without.iter().any(|name| name == s.name());
+        if let Some(stage) = Stage::ALL.iter().find(none) {
+            let has: Vec<&str> = Stage::ALL.into_iter().filter(|s| s.is_of(model)).map(Stage::name).collect();
+            return Err(format!(
+                "--without {stage}: --model {} has no such stage; it has {}",
+                self.model.name(),
+                has.join(", ")
+            ));
+        }
         if matches!(self.device, Device::Gpu | Device::Named(_)) && !self.model.model().has_kernels() {
             let (device, model) = (&self.device, self.model.name());
             return Err(format!(

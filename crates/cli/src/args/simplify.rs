@@ -92,7 +92,7 @@ pub(crate) struct Simplify {
     #[arg(long, value_name = "B", default_value_t = SimplifyOptions::default().batch, value_parser = whole::<usize>(1..=64))]
     pub(crate) batch: usize,
     /// Steps of the fit; fewer are made when held-out views stop improving: a phase goes on to its last quarter, then
-    /// ends, once 150 steps brought nothing better, and a fit far behind fewer triangles alone ends [range: at least 0] [default: 1000, or what --effort says].
+    /// ends, once 150 steps brought nothing better, and a fit far behind the asset's own materials ends [range: at least 0] [default: 1000, or what --effort says].
     #[arg(long, value_name = "N", value_parser = whole::<u64>(0..))]
     pub(crate) steps: Option<u64>,
     /// End the fit after this many seconds and keep what was reached. Preparation before the fit, and judging and writing

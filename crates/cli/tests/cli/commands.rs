@@ -103,6 +103,55 @@ fn inspect_tells_contents_and_plan() {
     assert_eq!(names(d), ["i.json", "points.ply", "rock.glb"]);
 }
 
+/// Normals and skins are told as the file has them.
+#[test]
+fn inspect_tells_what_the_file_has() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 0\nvn 0 0 1\n";
+    for (faces, given) in [("f 1//1 2//1 3//1\n", true), ("f 1/1 2/1 3/1\n", false)] {
+        std::fs::write(d.join("a.obj"), format!("{square}{faces}")).unwrap();
+        let text = stdout(&succeeds(d, &["inspect", "a.obj", "--json", "i.json"]));
+        assert_eq!(text.contains("; normals\n"), given, "{text}");
+        assert_eq!(text.contains("uv 0, normals are computed\n"), !given, "{text}");
+        let of = &json(&d.join("i.json"))["primitives"][0];
+        assert_eq!(of["computed_normals"], !given, "{of}");
+        assert_eq!(
+            of["attributes"],
+            if given { serde_json::json!(["normals"]) } else { serde_json::json!(["uv 0"]) }
+        );
+    }
+    // A triangle that hangs on a joint.
+    let data = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAAAAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAAAAAAAAAAAAAAAIA/\
+                AAAAAAAAAAAAAAAA";
+    let skinned = serde_json::json!({
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0, 1]}],
+        "nodes": [{"mesh": 0, "skin": 0}, {"name": "hip"}],
+        "skins": [{"name": "body", "joints": [1]}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "JOINTS_0": 1, "WEIGHTS_0": 2}}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]},
+            {"bufferView": 1, "componentType": 5121, "count": 3, "type": "VEC4"},
+            {"bufferView": 2, "componentType": 5126, "count": 3, "type": "VEC4"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 36},
+            {"buffer": 0, "byteOffset": 36, "byteLength": 12},
+            {"buffer": 0, "byteOffset": 48, "byteLength": 48},
+        ],
+        "buffers": [{"byteLength": 96, "uri": format!("data:application/octet-stream;base64,{data}")}],
+    });
+    std::fs::write(d.join("a.gltf"), skinned.to_string()).unwrap();
+    let text = stdout(&succeeds(d, &["inspect", "a.gltf", "--json", "i.json"]));
+    assert!(
+        text.contains("skin 0 \"body\": 1 joint\n") && text.contains("; normals are computed\n"),
+        "{text}"
+    );
+    assert_eq!(json(&d.join("i.json"))["skins"], serde_json::json!([{ "name": "body", "joints": 1 }]));
+}
+
 #[test]
 fn inspect_lists_extensions_and_lights() {
     let dir = tempfile::tempdir().unwrap();

@@ -251,6 +251,16 @@ fn options_that_do_not_go_together_show_the_usage_of_their_command() {
             "photofit denoise ",
         ),
         (
+            &["denoise", "a.exr", "-o", "b.exr", "--without", "coherence"],
+            "--without coherence: --model auto has no such stage; it has albedo, normal, position, variance, noiseless",
+            "photofit denoise ",
+        ),
+        (
+            &["denoise", "a.exr", "-o", "b.exr", "--model", "hybrid", "--without", "albedo,detail"],
+            "--without detail: --model hybrid has no such stage",
+            "photofit denoise ",
+        ),
+        (
             &["denoise", "a.exr", "-o", "b.exr", "--keep-darkening"],
             "--keep-darkening needs --model rof",
             "photofit denoise ",

@@ -1,7 +1,9 @@
 //! A noisy picture with its guides, as planes.
 
 use super::RUN;
+use super::pipeline::LEFT_OUT;
 use super::plan::Plan;
+use super::stage::{Stage, Stages};
 use crate::{DenoiseError, Shape};
 use rayon::prelude::{IndexedParallelIterator, IntoParallelRefIterator, ParallelIterator, ParallelSlice};
 use std::borrow::Cow;
@@ -120,13 +122,17 @@ fn both(a: Seen, b: Seen) -> Seen {
 const FARTHEST: f32 = 1e9;
 
 impl<'a> Features<'a> {
-    /// Takes what is there and is not constant.
-    pub(crate) fn of(guides: &Guides<'a>, pixels: usize, plan: &mut Plan) -> Self {
-        let mut take = |name: &'static str, plane: Option<&'a [f32]>, most: f32| {
+    /// Takes what is there, is not left out, and is not constant.
+    pub(crate) fn of(guides: &Guides<'a>, without: Stages, pixels: usize, plan: &mut Plan) -> Self {
+        let mut take = |name: &'static str, stage: Stage, plane: Option<&'a [f32]>, most: f32| {
             let Some(plane) = plane else {
                 plan.skip(name, "not given");
                 return None;
             };
+            if without.has(stage) {
+                plan.skip(name, LEFT_OUT);
+                return None;
+            }
             let Seen { bad, varies, within } = seen(plane, pixels, most);
             if !varies {
                 plan.skip(name, "constant");
@@ -143,10 +149,10 @@ impl<'a> Features<'a> {
             Some(plane.par_iter().with_min_len(RUN).map(good).collect::<Vec<f32>>().into())
         };
         Self {
-            albedo: take("albedo", guides.albedo, f32::MAX),
-            normal: take("normal", guides.normal, f32::MAX),
-            depth: take("depth", guides.depth, FARTHEST),
-            position: take("position", guides.position, f32::MAX),
+            albedo: take("albedo", Stage::Albedo, guides.albedo, f32::MAX),
+            normal: take("normal", Stage::Normal, guides.normal, f32::MAX),
+            depth: take("depth", Stage::Position, guides.depth, FARTHEST),
+            position: take("position", Stage::Position, guides.position, f32::MAX),
         }
     }
 

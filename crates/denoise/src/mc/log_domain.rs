@@ -44,7 +44,7 @@ pub(super) async fn variational(
             vec![1.0; p.shape.pixels()]
         }
         _ if p.divisor.is_none() && !p.features.has_edges() => {
-            plan.skip("coherence", "no guides");
+            plan.skip("coherence", "no guide is in use");
             vec![1.0; p.shape.pixels()]
         }
         _ => plan.stage("coherence", || {

@@ -29,6 +29,7 @@ pub(super) type Gpu = std::convert::Infallible;
 
 /// What the plan says of a stage that the settings leave out, and of one that the other models do not have.
 pub(super) const LEFT_OUT: &str = "left out by the settings";
+pub(super) const NO_SAMPLED: &str = "neither an albedo nor a normal is in use";
 pub(super) const PART_OF_AUTO: &str = "part of the automatic model";
 /// And of black pixels where there are none.
 pub(super) const NO_BLACK: &str = "no pixels without diffuse reflectance, or no others";
@@ -406,7 +407,7 @@ async fn filter(
             let (blur, own) = (list(&s.blur), list(&s.noisy));
             ((), format!("{:.1}% of the pixels; blur {blur}, own samples {own} by strength", 100.0 * s.edges))
         }),
-        Model::Auto => plan.skip("edges", "neither albedo nor normal"),
+        Model::Auto => plan.skip("edges", NO_SAMPLED),
         _ => plan.skip("edges", PART_OF_AUTO),
     }
     if let (Model::Auto, Some(share)) = (settings.model, &prepared.jagged) {
@@ -433,7 +434,7 @@ fn regression(p: &Prepared<'_>, without: Stages, plan: &mut Plan) -> Vec<f32> {
         let r = regress(p.shape, &basis, &p.irradiance, trust, p.variance.as_deref(), without, true);
         let shares = r.shares.map(|s| format!("{:.0}%", 100.0 * s)).join(" ");
         let mut why =
-            format!("widths of 3, 5, 8, 16 pixels in {shares} of {} cells; {} flat", r.cells, r.flat);
+            format!("bandwidths of 3, 5, 8, 16 pixels in {shares} of {} cells; {} flat", r.cells, r.flat);
         for stage in [Stage::Bandwidth, Stage::Highlights].into_iter().filter(|stage| without.has(*stage)) {
             why += &format!("; {stage} left out");
         }

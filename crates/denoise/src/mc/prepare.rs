@@ -6,7 +6,7 @@ use super::feature_filter::{share_of_noise, share_of_variance, smooth_features};
 use super::firefly::{OTHERS, REGRESSION, tame_fireflies};
 use super::frame::{Features, Frame};
 use super::noise::half_variance;
-use super::pipeline::{LEFT_OUT, NO_BLACK, PART_OF_AUTO};
+use super::pipeline::{LEFT_OUT, NO_BLACK, NO_SAMPLED, PART_OF_AUTO};
 use super::pooled::Pooled;
 use super::{Model, Plan, RUN, Settings, Stage, demodulate, divisor};
 use crate::{DenoiseError, Shape};
@@ -49,6 +49,9 @@ pub(crate) struct Prepared<'a> {
     pub(crate) fireflies: usize,
 }
 
+/// Why the noise is not told by a layer that was given.
+const VARIANCE_LEFT_OUT: &str = "the variance layer is left out by the settings";
+
 /// What the last frame of a sequence holds without its history: samples of its own pixels, which hang together with no others.
 #[derive(Clone, Debug)]
 pub(crate) struct LastFrame {
@@ -70,9 +73,13 @@ impl<'a> Prepared<'a> {
     ) -> Result<Self, DenoiseError> {
         frame.check()?;
         let without = settings.without;
-        let frame = &without.taken_from(frame);
         let shape = frame.shape;
-        let mut features = Features::of(&frame.guides, shape.pixels(), plan);
+        let mut features = Features::of(&frame.guides, without, shape.pixels(), plan);
+        let no_layer = match frame.variance {
+            Some(_) if without.has(Stage::Variance) => VARIANCE_LEFT_OUT,
+            _ => "no variance layer",
+        };
+        let frame = &without.taken_from(frame);
         let (mut sides, mut weight, holes) = plan.stage("holes", || {
             let (sides, weight, holes) = holes(frame);
             let why = format!("{holes} pixels with NaN or infinity");
@@ -85,7 +92,7 @@ impl<'a> Prepared<'a> {
             }
             false => exact(frame, &features, &mut weight, plan),
         };
-        let jagged = smoothed(frame, &mut features, settings, plan);
+        let jagged = smoothed(frame, &mut features, (settings, no_layer), plan);
         let demodulated = features.albedo.as_ref().filter(|_| !without.has(Stage::Demodulation));
         let divisor = match demodulated {
             Some(albedo) => Some(plan.stage("demodulation", || {
@@ -94,7 +101,7 @@ impl<'a> Prepared<'a> {
                 (d, "colour / max(albedo, 0.01)")
             })),
             None => {
-                let why = if features.albedo.is_some() { LEFT_OUT } else { "no albedo" };
+                let why = if features.albedo.is_some() { LEFT_OUT } else { "no albedo is in use" };
                 plan.skip("demodulation", why);
                 None
             }
@@ -147,11 +154,11 @@ impl<'a> Prepared<'a> {
             }
         };
         let variance = plan.stage("noise", || match (&sides[..], frame.variance) {
-            ([a, b], _) if a == b => (None, "the halves are equal: not known"),
-            ([a, b], _) => (Some(half_variance(a, b)), "from the two halves"),
-            (_, Some(_)) if layer.is_some() => (layer, "from the variance layer"),
-            (_, Some(_)) => (None, "the variance layer is all 0: not known"),
-            _ => (None, "not known: no halves and no variance layer"),
+            ([a, b], _) if a == b => (None, "the halves are equal: not known".to_owned()),
+            ([a, b], _) => (Some(half_variance(a, b)), "from the two halves".to_owned()),
+            (_, Some(_)) if layer.is_some() => (layer, "from the variance layer".to_owned()),
+            (_, Some(_)) => (None, "the variance layer is all 0: not known".to_owned()),
+            _ => (None, format!("not known: no halves; {no_layer}")),
         });
         let (irradiance, halves) = match (sides.pop(), sides.pop()) {
             (Some(b), Some(a)) => {
@@ -212,7 +219,7 @@ fn is_known(frame: &Frame<'_>) -> bool {
 fn smoothed(
     frame: &Frame<'_>,
     features: &mut Features<'_>,
-    settings: &Settings,
+    (settings, no_layer): (&Settings, &str),
     plan: &mut Plan,
 ) -> Option<Pooled<1>> {
     let shape = frame.shape;
@@ -220,8 +227,12 @@ fn smoothed(
     let skipped = match settings {
         Settings { model: Model::Variational(_) | Model::Atrous, .. } => Some(PART_OF_AUTO),
         _ if settings.without.has(Stage::Antialiasing) => Some(LEFT_OUT),
-        _ if layer.is_none() => Some("no variance layer, which would tell noise from textures"),
-        _ if features.albedo.is_none() && features.normal.is_none() => Some("neither albedo nor normal"),
+        // Halves tell the noise of the colour alone.
+        _ if frame.half.is_some() => {
+            Some("halves in place of a variance layer, which would tell noise from textures")
+        }
+        _ if layer.is_none() => Some(no_layer),
+        _ if features.albedo.is_none() && features.normal.is_none() => Some(NO_SAMPLED),
         _ => None,
     };
     let (None, Some(layer)) = (skipped, layer) else {

@@ -1,6 +1,7 @@
 //! Stages that can be left out, to see what each brings.
 
 use super::frame::{Frame, Guides};
+use super::pipeline::Model;
 use std::fmt;
 
 /// An input or a stage of [`super::denoise`] that [`super::Settings::without`] may leave out. Fireflies have a switch of
@@ -69,6 +70,17 @@ impl Stage {
             Self::Antialiasing => "antialiasing",
             Self::Edges => "edges",
             Self::Coherence => "coherence",
+        }
+    }
+
+    /// Whether a model has it: another one is the same without.
+    pub fn is_of(self, model: Model) -> bool {
+        match self {
+            Self::Bandwidth | Self::Highlights | Self::Detail | Self::Antialiasing | Self::Edges => {
+                model == Model::Auto
+            }
+            Self::Coherence => matches!(model, Model::Variational(_)),
+            _ => true,
         }
     }
 

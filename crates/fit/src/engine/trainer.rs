@@ -211,6 +211,12 @@ impl<A> Trained<A> {
     pub(crate) fn reached(&self) -> u64 {
         self.history.last().map_or(0, |h| h.step)
     }
+
+    /// Whether a step came to something better than the start, in the held-out views: the best state is another one then.
+    pub(crate) fn gained(&self) -> bool {
+        let first = self.history.first().map_or(f64::INFINITY, |h| h.quality);
+        self.history.iter().any(|h| h.quality > first)
+    }
 }
 
 struct Trainer<'a, M: Model> {

@@ -66,7 +66,7 @@ fn levels_fall_in_triangles_and_bytes_and_are_judged_at_their_size() {
         assert!((1..=o.triangles[k]).contains(&level.outcome.triangles_out));
         assert_eq!(level.outcome.resolution, o.sizes[k] as usize);
         assert_eq!(level.bytes, std::fs::metadata(&level.path).unwrap().len());
-        assert_eq!(level.outcome.stages[0].0, "original");
+        assert_eq!(level.outcome.stages[0].name, "original");
         let q = level.quality();
         assert!(q.psnr > 18.0 && (q.luminance - 1.0).abs() < 0.1, "level {k}: {q:?}");
         let seen = level.popping.is_some_and(|p| p.flip > 0.0 && p.flip < 0.5 && p.outline < 0.2);

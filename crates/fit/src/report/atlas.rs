@@ -10,8 +10,8 @@ use photofit_scalar::{Vec4f, vec4};
 /// Largest side of a map in the report.
 const SIDE: usize = 512;
 
-/// The section of the maps that are in use.
-pub(super) fn section(candidate: &Candidate) -> Result<String, FitError> {
+/// The section of the maps that are in use, with how the file stores them.
+pub(super) fn section(candidate: &Candidate, stored: &str) -> Result<String, FitError> {
     let base = &candidate.maps.levels[0];
     let pick = |f: &dyn Fn(&[f32; CHANNELS]) -> [f32; 3]| {
         let data: Vec<[f32; 3]> = base.texels.iter().map(f).collect();
@@ -40,8 +40,10 @@ pub(super) fn section(candidate: &Candidate) -> Result<String, FitError> {
     let caption = format!("texture layout: {} charts", page::count(charts));
     figures += &page::figure(&pictures::display(&layout, usize::MAX)?, "texture layout", &caption);
     Ok(format!(
-        "<h2>Textures, {} x {} texels</h2>\n<div class=maps>\n{figures}</div>\n",
-        base.width, base.height
+        "<h2>Textures, {} x {} texels</h2>\n<p class=note>{}.</p>\n<div class=maps>\n{figures}</div>\n",
+        base.width,
+        base.height,
+        page::escape(stored)
     ))
 }
 

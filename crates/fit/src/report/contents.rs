@@ -17,14 +17,19 @@ pub(super) fn parts(glb: &[u8]) -> Option<Parts> {
     }
     let json: Value = serde_json::from_slice(glb.get(20..20_usize.checked_add(word(12)?)?)?).ok()?;
     let list = |name: &str| json.get(name).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
-    let size = |view: &Value| view.get("byteLength").and_then(Value::as_u64).unwrap_or(0);
+    // Of compressed views the file holds the bytes that their extension names.
+    let size = |view: &Value| {
+        let compressed = view.pointer("/extensions/EXT_meshopt_compression");
+        compressed.unwrap_or(view).get("byteLength").and_then(Value::as_u64).unwrap_or(0)
+    };
     let views = list("bufferViews");
     let mut out: Parts = Vec::new();
     let mut maps = 0_u64;
     for image in list("images") {
         let view = image.get("bufferView").and_then(Value::as_u64).and_then(|v| views.get(v as usize));
         let bytes = view.map_or(0, size);
-        let name = image.get("name").and_then(Value::as_str).unwrap_or("map").replace('-', " ");
+        let name = image.get("name").and_then(Value::as_str).unwrap_or("map");
+        let name = name.replace('-', " ").replace("color", "colour");
         match out.iter_mut().find(|p| p.0 == name) {
             Some(part) => part.1 += bytes,
             None => out.push((name, bytes)),
@@ -186,7 +191,7 @@ mod tests {
         let glb = to_glb(&square()).unwrap();
         let parts = parts(&glb).unwrap();
         let names: Vec<&str> = parts.iter().map(|p| p.0.as_str()).collect();
-        assert_eq!(names, ["geometry", "base color", "description"]);
+        assert_eq!(names, ["geometry", "base colour", "description"]);
         assert_eq!(parts.iter().map(|p| p.1).sum::<u64>(), glb.len() as u64);
         // Four vertices with position, normal and texture coordinates, and six indices of at least two bytes.
         assert!((140..=200).contains(&parts[0].1), "{parts:?}");
@@ -194,6 +199,17 @@ mod tests {
         for cut in [0, 3, 12, 19, 40] {
             assert!(super::parts(&glb[..cut]).is_none(), "{cut} bytes");
         }
+    }
+
+    #[test]
+    fn parts_of_compressed_geometry_are_those_that_are_stored() {
+        use photofit_scene::{Compression, Precision, to_glb_with};
+        let (plain, small) = [Compression::None, Compression::Meshopt(Precision::Coarse)]
+            .map(|how| to_glb_with(&square(), how).unwrap())
+            .into();
+        let of = |glb: &[u8]| parts(glb).expect("parts");
+        assert_eq!(of(&small).iter().map(|p| p.1).sum::<u64>(), small.len() as u64);
+        assert_eq!(of(&small)[1], of(&plain)[1], "the image is the same");
     }
 
     #[test]

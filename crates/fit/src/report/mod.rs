@@ -20,7 +20,8 @@ pub use verdict::{Likeness, Verdict};
 
 use crate::FitError;
 use crate::engine::judge::BEST_PSNR;
-use crate::simplify::{Appearance, FILE, FITTED, Normalised, Outcome, Quality, Written};
+use crate::simplify::{Appearance, FILE, FITTED, Normalised, Outcome, StageQuality, Written};
+use crate::traced_maps::MapsCourse;
 use page::{bytes, escape};
 use photofit_image::write_atomically;
 use photofit_scene::Scene;
@@ -44,6 +45,8 @@ pub struct ReportInfo<'a> {
     pub command: String,
     /// Bytes of the reference's file.
     pub bytes_in: Option<u64>,
+    /// What the user was warned of, one line each.
+    pub warnings: Vec<String>,
     /// Pixels that the asset covers on the screen that it is for; `None` where the budget does not say.
     pub screen_size: Option<f64>,
 }
@@ -72,20 +75,21 @@ fn html(o: &Outcome, info: &ReportInfo<'_>) -> Result<String, FitError> {
     let light = photofit_scene::load(info.light)?;
     let file =
         std::fs::read(info.light).map_err(|source| FitError::Io { path: info.light.to_owned(), source })?;
-    let last = o.stages.last().map_or("", |s| s.0);
+    let last = o.stages.last().map_or("", |s| s.name);
+    let how = if o.steps > 0 { "How the fit went" } else { "How it was made" };
     let body = [
         header(o, info, &light, file.len() as u64),
         views::at_size(o, info.screen_size)?,
         contents::section(contents::parts(&file).as_ref(), info.scene, &light, [&o.left_out, &o.not_fitted]),
-        views::section(&o.views, &o.stages.iter().map(|s| s.0).collect::<Vec<_>>(), last)?,
+        views::section(&o.views, &o.stages.iter().map(|s| s.name).collect::<Vec<_>>(), last)?,
         if o.written.has_own_surface() || o.appearance == Appearance::VertexColors {
             String::new()
         } else {
-            atlas::section(&o.candidate)?
+            atlas::section(&o.candidate, &stored(o))?
         },
         wireframes(&light, info)?,
         format!(
-            "<details>\n<summary>How the fit went</summary>\n{}{}{}{}<h3>Plan</h3>\n<pre>{}</pre>\n<h3>Command</h3>\n\
+            "<details>\n<summary>{how}</summary>\n{}{}{}{}<h3>Plan</h3>\n<pre>{}</pre>\n<h3>Command</h3>\n\
              <pre>{}</pre>\n</details>\n",
             table(o),
             times(o),
@@ -103,6 +107,16 @@ fn traced_maps(o: &Outcome) -> Result<String, FitError> {
     let Some(m) = &o.traced_maps else { return Ok(String::new()) };
     let (curves, plan) = (plots::section(&m.history, TRACED_MEASURE)?, escape(&m.plan.to_string()));
     Ok(format!("<h3>Maps through the path tracer, {} steps</h3>\n{curves}<pre>{plan}</pre>\n", m.steps))
+}
+
+/// How the file stores its maps, which the report shows as they were made.
+fn stored(o: &Outcome) -> String {
+    let traced = if o.traced_maps.as_ref().is_some_and(MapsCourse::gained) {
+        "before they were fitted through the path tracer"
+    } else {
+        "before the file was written"
+    };
+    format!("As they were {traced}; textures of the file: {}", o.textures)
 }
 
 /// The verdict and the figures of the file.
@@ -142,9 +156,23 @@ fn header(o: &Outcome, info: &ReportInfo<'_>, light: &Scene, bytes_out: u64) -> 
         }
         (false, true) => "",
     };
+    let large = o.max_bytes.filter(|most| bytes_out > *most).map_or_else(String::new, |most| {
+        format!(
+            "<p class=note><b>The file is too large</b>: {} bytes, the fewest that were found, where at most {} were asked for. It stands \
+             in {}.</p>\n",
+            count(bytes_out as usize),
+            count(usize::try_from(most).unwrap_or(usize::MAX)),
+            escape(&o.file.display().to_string())
+        )
+    });
+    let warned: String = info.warnings.iter().map(|w| format!("<li>{}</li>\n", escape(w))).collect();
+    let warned = match warned {
+        none if none.is_empty() => none,
+        lines => format!("<ul class=left>\n{lines}</ul>\n"),
+    };
     let beyond = if verdict.original.is_some() { " beyond that of the asset itself, drawn so," } else { "" };
     format!(
-        "<p class=\"verdict {class}\"><b>{}</b> {}</p>\n<h1>{}</h1>\n{stopped}<div class=tiles>\n{tiles}</div>\n\
+        "<p class=\"verdict {class}\"><b>{}</b> {}</p>\n<h1>{}</h1>\n{stopped}{large}{warned}<div class=tiles>\n{tiles}</div>\n\
          <p class=note>The same: FLIP{beyond} at most 0.03 in the mean and 0.05 in the worst view, hard to tell side by side. \
          Close: at most 0.08 and 0.12. The file was {}.</p>\n",
         escape(first),
@@ -161,19 +189,21 @@ fn significant(x: f64) -> String {
 }
 
 fn table(o: &Outcome) -> String {
+    let last = o.stages.last().map_or("", |s| s.name);
     let start = |start: Written| format!("{} with baked {}: a start", start.start(), o.appearance.in_words());
     let what = |name: &str| match name {
-        "decimated" => "the asset's own materials on as many triangles".to_owned(),
-        FITTED if o.written == Written::Fitted => "the written file, loaded again".to_owned(),
+        "decimated" => "the asset's own materials".to_owned(),
+        FITTED if last == FITTED => "the written file, loaded again".to_owned(),
         FITTED => "what was fitted, which is not in the file".to_owned(),
         FILE => "the written file, loaded again".to_owned(),
         name => Written::STARTS.into_iter().find(|s| s.name() == name).map_or_else(String::new, start),
     };
-    let row = |(name, q): &(&str, Quality)| {
+    let row = |StageQuality { name, triangles, quality: q }: &StageQuality| {
         format!(
-            "<tr><th>{name}</th><td class=what>{}</td><td>{}</td><td>{:.4}</td><td>{:.4}</td><td>{:.0} \
+            "<tr><th>{name}</th><td class=what>{}</td><td>{}</td><td>{}</td><td>{:.4}</td><td>{:.4}</td><td>{:.0} \
              %</td></tr>\n",
             what(name),
+            count(*triangles),
             q.decibels(2),
             q.ssim,
             q.flip,
@@ -183,7 +213,7 @@ fn table(o: &Outcome) -> String {
     let rows: String = o.stages.iter().map(row).collect();
     let side = o.views.first().map_or(o.resolution, |v| v.reference.width);
     format!(
-        "<div class=wide><table class=stages>\n<tr><th></th><th></th><th>PSNR, dB</th><th>SSIM</th><th>FLIP</th><th>error at \
+        "<div class=wide><table class=stages>\n<tr><th></th><th></th><th>triangles</th><th>PSNR, dB</th><th>SSIM</th><th>FLIP</th><th>error at \
          the outline</th></tr>\n{rows}</table></div>\n\
          <p class=note>Means over {} views and lights that the fit never saw, over the foreground (the union of both \
          silhouettes and a margin) of {} x {} pixels. Error at the outline: the share of the squared error in pixels that one asset \
@@ -197,15 +227,18 @@ fn table(o: &Outcome) -> String {
 
 /// Where the time went, in one line.
 fn times(o: &Outcome) -> String {
+    let (fit, settled) = match o.steps {
+        0 => ("no steps".to_owned(), String::new()),
+        n => (
+            format!("{}, {:.1} million pixels per second", counted(n as usize, "step"), o.mpix_per_s),
+            format!("; within 0.5 dB of the end after {:.0} s", o.seconds_to_half_db),
+        ),
+    };
     format!(
-        "<p class=note>effort {}: {} steps, {:.1} million pixels per second; {:.0} s until the file was written, {:.0} s with this \
-         report; within 0.5 dB of the end after {:.0} s.</p>\n",
+        "<p class=note>effort {}: {fit}; {:.0} s until the file was written, {:.0} s with this report{settled}.</p>\n",
         o.effort.name(),
-        count(o.steps as usize),
-        o.mpix_per_s,
         o.fit_seconds,
-        o.seconds,
-        o.seconds_to_half_db
+        o.seconds
     )
 }
 

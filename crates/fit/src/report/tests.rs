@@ -44,6 +44,7 @@ fn the_page_is_whole_and_needs_nothing_else() {
         title: "rock <&>".into(),
         command: "photofit simplify \"a b\"".into(),
         bytes_in: Some(5_000_000),
+        warnings: vec!["3 of <4> parts".into()],
         screen_size: Some(20.0),
     };
     let page = write_report(&dir.path().join("new/report"), &outcome, &info).unwrap();
@@ -59,6 +60,8 @@ fn the_page_is_whole_and_needs_nothing_else() {
         "Plan",
         "20 pixels, the screen size that the budget is for",
         "<li>2 animations</li>",
+        "<li>3 of &lt;4&gt; parts</li>",
+        "before the file was written; textures of the file: ",
         "texels per unit of length",
         "<th>geometry</th>",
     ] {

@@ -1,7 +1,8 @@
 //! The verdict of a report: does the light asset look like the asset?
 
+use super::{count, counted};
 use crate::engine::judge::CLEAR_GAIN;
-use crate::simplify::{Appearance, ORIGINAL, Outcome, Quality, Written};
+use crate::simplify::{Appearance, FITTED, ORIGINAL, Outcome, Quality, StageQuality, Written};
 use std::fmt;
 
 /// Mean FLIP over all views, and FLIP of the worst view, up to which two assets look the same.
@@ -21,7 +22,7 @@ pub struct Verdict {
     /// Number of views.
     pub views: usize,
     /// The best stage among those that are clearly better than the written file.
-    pub better: Option<(&'static str, Quality)>,
+    pub better: Option<StageQuality>,
     /// What was written.
     pub written: Written,
     /// What it has in place of the asset's surface, where something was baked or fitted.
@@ -30,6 +31,10 @@ pub struct Verdict {
     pub fitted: bool,
     /// Whether what was written was compared with what else could be.
     pub compared: bool,
+    /// Whether the work was ended while it was.
+    pub cut: bool,
+    /// Bytes that the file was to have at most.
+    pub max_bytes: Option<u64>,
     /// The asset itself drawn the same way, where engines draw it: with one sample a pixel it differs from the reference
     /// too. [`Self::likeness`] is then by what FLIP of the written file exceeds that of the asset.
     pub original: Option<Quality>,
@@ -78,11 +83,12 @@ impl Verdict {
         let all = &o.stages;
         let Some(k) = all.len().checked_sub(1) else { return Self::new(&[], None) };
         let of = |k: usize| o.views.iter().map(|v| v.quality[k].quality).collect::<Vec<Quality>>();
-        let original = all.iter().position(|s| s.0 == ORIGINAL).map(of);
-        let better = better(&all[..k], &all[k].1);
+        let original = all.iter().position(|s| s.name == ORIGINAL).map(of);
+        let better = better(&all[..k], &all[k].quality);
         let (written, appearance, fitted) = (o.written, o.appearance, o.steps > 0);
-        let compared = o.was_chosen();
-        Self { better, written, appearance, fitted, compared, ..Self::new(&of(k), original.as_deref()) }
+        let (compared, cut, max_bytes) = (o.was_chosen(), o.choice_cut, o.max_bytes);
+        let judged = Self::new(&of(k), original.as_deref());
+        Self { better, written, appearance, fitted, compared, cut, max_bytes, ..judged }
     }
 
     /// Of views, and of the asset itself in the same ones.
@@ -90,7 +96,7 @@ impl Verdict {
         let mean = Quality::mean(views.iter());
         let worst = views.iter().copied().enumerate().max_by(|a, b| a.1.flip.total_cmp(&b.1.flip));
         let (written, appearance, better) = (Written::Fitted, Appearance::Maps, None);
-        let (fitted, compared) = (true, true);
+        let (fitted, compared, cut, max_bytes) = (true, true, false, None);
         let likeness = match original {
             _ if views.is_empty() => Likeness::Unknown,
             None => Likeness::of(mean.flip, worst.map_or(0.0, |w| w.1.flip)),
@@ -103,15 +109,96 @@ impl Verdict {
         };
         let original = original.map(|o| Quality::mean(o.iter()));
         let views = views.len();
-        Self { likeness, mean, worst, views, better, written, appearance, fitted, compared, original }
+        Self {
+            likeness,
+            mean,
+            worst,
+            views,
+            better,
+            written,
+            appearance,
+            fitted,
+            compared,
+            cut,
+            max_bytes,
+            original,
+        }
+    }
+
+    /// What was written and why that, where it is not what was fitted or asked for.
+    fn told_written(&self) -> Option<String> {
+        let maps = self.appearance.in_words();
+        let start = self.written.start();
+        let within = within(self.max_bytes);
+        let what = match self.written {
+            Written::Fitted | Written::Kept => return None,
+            Written::Whole => {
+                return Some(
+                    "written is the asset as it was given: no other file took so few bytes".to_owned(),
+                );
+            }
+            Written::Rebaked => format!("the fitted shape with {maps} baked anew"),
+            Written::ShrinkWrapped | Written::Sphere | Written::Baked => format!("{start} with baked {maps}"),
+            Written::Decimated => "the asset's own materials and texture coordinates".to_owned(),
+        };
+        if self.compared && self.cut {
+            return Some(format!(
+                "written is {what}, the best when the work was ended: not all was compared"
+            ));
+        }
+        Some(match self.written {
+            Written::Rebaked => format!("written is {what}, which looked best{within}"),
+            Written::Decimated if !self.fitted => {
+                format!("no baked {maps} looked better{within} than {what}, which are what was written")
+            }
+            Written::Decimated => {
+                format!("no fit looked better{within} than {what}, which are what was written")
+            }
+            _ if !self.fitted => format!("written is {what}: no steps were made"),
+            _ if !self.compared => format!("written is the start, {what}: no step came to a better one"),
+            _ => format!("no fit looked better{within} than its start, {what}, which is what was written"),
+        })
+    }
+
+    /// What a stage is that scores better than the file.
+    fn told_better(&self, stage: &StageQuality) -> String {
+        let triangles = counted(stage.triangles, "triangle");
+        let before = match self.max_bytes {
+            Some(most) => format!(", before it was to fit into {} bytes", count_bytes(most)),
+            None => String::new(),
+        };
+        let maps = self.appearance.in_words();
+        match stage.name {
+            "decimated" => {
+                format!(" ({triangles} with the asset's own materials and all their texels{before})")
+            }
+            FITTED if self.max_bytes.is_none() => {
+                format!(" (the fit, {triangles}, which looked worse in the views of the choice)")
+            }
+            FITTED => format!(" (the fit, {triangles}{before})"),
+            name => {
+                Written::STARTS.into_iter().find(|s| s.name() == name).map_or_else(String::new, |start| {
+                    format!(" ({} with baked {maps}, {triangles}{before})", start.start())
+                })
+            }
+        }
     }
 }
 
+/// A budget of bytes, in words.
+fn within(most: Option<u64>) -> String {
+    most.map_or_else(String::new, |most| format!(" within {} bytes", count_bytes(most)))
+}
+
+fn count_bytes(n: u64) -> String {
+    count(usize::try_from(n).unwrap_or(usize::MAX))
+}
+
 /// The stage with the highest PSNR among those beside the written file that are clearly better than the written file.
-fn better(stages: &[(&'static str, Quality)], written: &Quality) -> Option<(&'static str, Quality)> {
+fn better(stages: &[StageQuality], written: &Quality) -> Option<StageQuality> {
     let clearly = |q: &Quality| q.psnr > written.psnr + CLEAR_GAIN && q.flip < written.flip;
-    let stages = stages.iter().filter(|(name, q)| *name != ORIGINAL && clearly(q));
-    stages.max_by(|a, b| a.1.psnr.total_cmp(&b.1.psnr)).copied()
+    let stages = stages.iter().filter(|s| s.name != ORIGINAL && clearly(&s.quality));
+    stages.max_by(|a, b| a.quality.psnr.total_cmp(&b.quality.psnr)).copied()
 }
 
 impl fmt::Display for Verdict {
@@ -132,53 +219,15 @@ impl fmt::Display for Verdict {
         if let Some(original) = &self.original {
             write!(f, "; the asset itself drawn so: {} dB, FLIP {:.3}", original.decibels(1), original.flip)?;
         }
-        let (maps, start) = (self.appearance.in_words(), self.written.start());
-        match self.written {
-            Written::Fitted | Written::Kept => Ok(()),
-            Written::Rebaked => {
-                write!(f, "; written is the fitted shape with {maps} baked anew, which looked best")
-            }
-            Written::ShrinkWrapped | Written::Sphere | Written::Baked if !self.fitted => {
-                write!(f, "; written is {start} with baked {maps}: no steps were made")
-            }
-            Written::ShrinkWrapped | Written::Sphere | Written::Baked if !self.compared => {
-                write!(f, "; written is the start, {start} with baked {maps}: no step came to a better one")
-            }
-            Written::ShrinkWrapped | Written::Sphere | Written::Baked => write!(
-                f,
-                "; no fit looked better than its start, {start} with baked {maps}, which is what was written"
-            ),
-            Written::Decimated if !self.fitted => {
-                write!(
-                    f,
-                    "; no baked {maps} looked better than fewer triangles alone, which is what was written"
-                )
-            }
-            Written::Decimated => {
-                f.write_str("; no fit looked better than fewer triangles alone, which is what was written")
-            }
-            Written::Whole => {
-                f.write_str("; written is the asset as it was given: no other file took so few bytes")
-            }
-        }?;
-        if let Some((name, q)) = &self.better {
-            let start = |start: Written| format!(" ({} with baked {maps})", start.start());
-            let what = match *name {
-                "decimated" if self.written == Written::Decimated => {
-                    " (the first of several decimations, with all its texels; written is the one that looked best in the views of the \
-                     choice, with as many texels and triangles as are allowed)"
-                        .into()
-                }
-                own if own == self.written.name() => " (the same before its textures were made smaller)".into(),
-                "decimated" => " (as many triangles with the asset's own materials and all their texels)".into(),
-                "fitted" => {
-                    " (the fit, which looked worse in the views of the choice or takes more bytes than allowed)".into()
-                }
-                name => Written::STARTS.into_iter().find(|s| s.name() == name).map_or_else(String::new, start),
-            };
+        if let Some(written) = self.told_written() {
+            write!(f, "; {written}")?;
+        }
+        if let Some(stage) = &self.better {
+            let (what, q) = (self.told_better(stage), &stage.quality);
             write!(
                 f,
-                ". What the table calls {name}{what} scores better here and is not in the file: {} dB, FLIP {:.3}",
+                ". What the table calls {}{what} scores better here and is not in the file: {} dB, FLIP {:.3}",
+                stage.name,
                 q.decibels(1),
                 q.flip
             )?;
@@ -191,10 +240,17 @@ impl fmt::Display for Verdict {
 mod tests {
     use super::*;
 
+    fn stage(name: &'static str, quality: Quality) -> StageQuality {
+        StageQuality { name, triangles: 1200, quality }
+    }
+
     #[test]
     fn a_stage_is_better_by_more_than_the_margin_in_both_measures() {
         let q = |psnr: f64, flip: f64| Quality { psnr, flip, ..Quality::default() };
-        let name = |stages: &[(&'static str, Quality)]| better(stages, &q(30.0, 0.05)).map(|b| b.0);
+        let name = |stages: &[(&'static str, Quality)]| {
+            let stages: Vec<StageQuality> = stages.iter().map(|(name, q)| stage(name, *q)).collect();
+            better(&stages, &q(30.0, 0.05)).map(|b| b.name)
+        };
         assert_eq!(name(&[("decimated", q(30.0 + 0.9 * CLEAR_GAIN, 0.04))]), None, "within noise");
         assert_eq!(name(&[("decimated", q(31.0, 0.06))]), None, "one measure alone");
         assert_eq!(name(&[("original", q(40.0, 0.01))]), None);
@@ -205,24 +261,53 @@ mod tests {
     fn what_is_better_is_told_apart_from_what_was_written() {
         let q = |psnr: f64, flip: f64| Quality { psnr, flip, ..Quality::default() };
         for written in [Written::Fitted, Written::Rebaked, Written::Baked] {
-            let better = Some(("decimated", q(33.0, 0.03)));
+            let better = Some(stage("decimated", q(33.0, 0.03)));
             let verdict = Verdict { better, written, ..Verdict::new(&[q(30.0, 0.05)], None) };
             let text = verdict.to_string();
             // One sentence of its own, the last, that says that the file holds something else.
-            let sentence = ". What the table calls decimated (as many triangles with the asset's own materials and all their \
+            let sentence = ". What the table calls decimated (1,200 triangles with the asset's own materials and all their \
                             texels) scores better here and is not in the file: 33.0 dB, FLIP 0.030";
             assert!(text.ends_with(sentence), "{text}");
             assert_eq!(text.matches("table calls").count(), 1, "{text}");
         }
         for (name, words) in [
-            ("baked", "baked (the decimated shape with baked maps)"),
+            ("baked", "baked (the decimated shape with baked maps, 1,200 triangles)"),
+            ("fitted", "fitted (the fit, 1,200 triangles, which looked worse in the views of the choice)"),
             ("sphere", "sphere (a"),
             ("start", "start scores"),
         ] {
-            let better = Some((name, q(33.0, 0.03)));
+            let better = Some(stage(name, q(33.0, 0.03)));
             let text = Verdict { better, ..Verdict::new(&[q(30.0, 0.05)], None) }.to_string();
             assert!(text.contains(&format!(". What the table calls {words}")), "{text}");
+            // A file that is to fit into bytes is not as what was fitted, though that is what was written.
+            let most = Verdict { better, max_bytes: Some(30_000), ..Verdict::new(&[q(30.0, 0.05)], None) };
+            let text = most.to_string();
+            assert_eq!(
+                text.contains("1,200 triangles, before it was to fit into 30,000 bytes)"),
+                name != "start",
+                "{text}"
+            );
+            assert!(!text.contains("looked worse"), "{text}");
         }
+    }
+
+    #[test]
+    fn a_choice_within_bytes_and_one_that_was_cut_say_so() {
+        let of = |written, cut, max_bytes| {
+            Verdict { written, cut, max_bytes, ..Verdict::new(&[Quality::default()], None) }.to_string()
+        };
+        for written in [Written::Rebaked, Written::ShrinkWrapped, Written::Baked, Written::Decimated] {
+            assert!(
+                of(written, false, Some(9000)).contains("best within 9,000 bytes")
+                    || of(written, false, Some(9000)).contains("better within 9,000 bytes"),
+                "{written:?}"
+            );
+            let cut = of(written, true, None);
+            assert!(cut.contains("not all was compared") && !cut.contains("looked b"), "{cut}");
+            assert!(!of(written, false, None).contains("ended"));
+        }
+        // Where all triangles stay none are fewer.
+        assert!(!of(Written::Decimated, false, None).contains("fewer"));
     }
 
     #[test]

@@ -8,10 +8,12 @@
 
 mod allocation;
 mod files;
+mod maps;
 #[cfg(test)]
 mod tests;
 mod triangles;
 
+pub(super) use maps::with_triangles_of_maps;
 pub(super) use triangles::{bytes_without_textures, others, triangles_within};
 
 use super::{Asset, SimplifyOptions};
@@ -162,14 +164,12 @@ impl Budget<'_> {
                 }
             }
         }
-        let why = if made.scene.images.is_empty() {
-            "the asset has no textures to reduce".to_owned()
-        } else {
-            format!(
-                "the smallest has {}; fewer triangles or compressed geometry make it smaller",
-                made.bytes()
-            )
+        let ways = match self.options.compression {
+            Compression::None => "fewer triangles or compressed geometry make it smaller",
+            Compression::Meshopt(_) => "fewer triangles make it smaller",
         };
+        let textures = if made.scene.images.is_empty() { ", without textures" } else { "" };
+        let why = format!("the smallest has {}{textures}; {ways}", made.bytes());
         self.progress.warn(&format!("no file of {} bytes can be made: {why}", self.most));
         Ok((made, false))
     }
@@ -307,7 +307,10 @@ impl Budget<'_> {
     }
 }
 
-/// How the textures of an asset are stored, for people.
+/// Names of textures that are told of those that are stored alike.
+const MOST_NAMES: usize = 4;
+
+/// How the textures of an asset are stored, for people: which ones so, where not all are stored alike.
 pub(super) fn told(scene: &Scene) -> String {
     let one = |i: &TextureImage| {
         let how = match i.encoding {
@@ -325,7 +328,22 @@ pub(super) fn told(scene: &Scene) -> String {
         };
         format!("{} x {} as {how}", i.width, i.height)
     };
-    let mut all: Vec<String> = scene.images.iter().map(one).collect();
-    all.dedup();
-    if all.is_empty() { "none".into() } else { all.join(", ") }
+    let mut groups: Vec<(String, Vec<String>)> = Vec::new();
+    for (k, image) in scene.images.iter().enumerate() {
+        let how = one(image);
+        let name = if image.name.is_empty() { format!("image {k}") } else { image.name.clone() };
+        match groups.iter_mut().find(|g| g.0 == how) {
+            Some(group) => group.1.push(name),
+            None => groups.push((how, vec![name])),
+        }
+    }
+    let named = |(how, names): &(String, Vec<String>)| match names.len().saturating_sub(MOST_NAMES) {
+        0 => format!("{} {how}", names.join(", ")),
+        more => format!("{} and {more} more {how}", names[..MOST_NAMES].join(", ")),
+    };
+    match &groups[..] {
+        [] => "none".into(),
+        [(how, _)] => how.clone(),
+        groups => groups.iter().map(named).collect::<Vec<_>>().join("; "),
+    }
 }

@@ -8,6 +8,7 @@ use crate::bake;
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
 use crate::engine::judge::{Certainty, Stage};
+use crate::engine::plan::Item;
 use crate::engine::reference::{ENERGY, Reference};
 use crate::engine::surface::{self, Surface};
 use crate::engine::trainer::{HeldOut, Trained};
@@ -65,6 +66,8 @@ pub(super) struct Chosen {
     /// Within a budget of bytes: the decimated asset with its own materials, where it may be written. It was not compared, since it is
     /// as the file that it would be.
     pub(super) own: Option<Shapes>,
+    /// How the asset with its own materials that may be written was decimated.
+    pub(super) decimation: Option<Item>,
     /// The asset with its own materials on as many triangles; `None` where nothing was compared, since the user stopped the work.
     pub(super) plain: Option<Stage>,
     /// How sure the choice is; `None` where it was cut.
@@ -86,20 +89,28 @@ pub(super) fn best(
     if progress.is_cancelled() {
         return Ok(reached(trained, (starts, start), n, options));
     }
-    progress.report("choose", 0, options.choice_views(), "fewer triangles alone");
+    progress.report("choose", 0, options.choice_views(), "own materials");
     let as_many = Target::Triangles(starts[start].candidate.triangles.len());
     let plain = rival.into_stage(asset, &starts[start].candidate, options)?;
-    let mut own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
-    let trained_steps = trained.steps;
-    let mut models = vec![trained.model.clone(), trained.model];
-    // A bake that fails costs no fit: the maps stay as they were fitted.
-    if let Ok(maps) = rebaked(rays, seen, &models[1].candidate, options, &Silent) {
-        models[1].candidate.maps = maps;
+    let own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
+    let (mut own, decimation) = own.unzip();
+    // A fit without a better step is its start.
+    let gained = trained.gained();
+    let mut models = Vec::new();
+    if gained {
+        models.push((Written::Fitted, trained.model.clone()));
+        // A bake that fails costs no fit: the maps stay as they were fitted.
+        if let Ok(maps) = rebaked(rays, seen, &trained.model.candidate, options, &Silent) {
+            let mut anew = trained.model.clone();
+            anew.candidate.maps = maps;
+            models.push((Written::Rebaked, anew));
+        }
     }
     for start in starts {
-        models.push(Surface { candidate: start.candidate.clone(), ..models[0].clone() });
+        let candidate = start.candidate.clone();
+        models.push((start.made, Surface { candidate, ..trained.model.clone() }));
     }
-    let mut scenes: Vec<Scene> = models.iter().map(|m| options.exported(&m.candidate, n)).collect();
+    let mut scenes: Vec<Scene> = models.iter().map(|m| options.exported(&m.1.candidate, n)).collect();
     // Within a budget of bytes own materials meet the others as the files that both would be.
     if options.max_bytes.is_none() {
         scenes.extend(own.take().map(|own| own.scene(0)));
@@ -109,19 +120,16 @@ pub(super) fn best(
     let (count, samples) = (options.choice_views(), options.choice_samples());
     let ranking = judge.ranking(&stages, (count, options.smallest_picture()), samples, progress)?;
     let best = ranking.best();
-    let written = match best {
-        0 => Written::Fitted,
-        1 => Written::Rebaked,
-        k => starts.get(k - 2).map_or(Written::Decimated, |start| start.made),
-    };
-    let fitted = (written != Written::Fitted && trained_steps > 0).then(|| scenes[0].clone());
-    let model = models.swap_remove(ranking.best_of(0..models.len()));
+    let written = models.get(best).map_or(Written::Decimated, |m| m.0);
+    let fitted = (written != Written::Fitted && gained).then(|| scenes[0].clone());
+    let (_, model) = models.swap_remove(ranking.best_of(0..models.len()));
     Ok(Chosen {
         trained: Trained { model, ..trained },
         light: scenes.swap_remove(best),
         written,
         fitted,
         own,
+        decimation,
         plain: Some(plain),
         // Who stopped the work cut the choice, too.
         certainty: (!progress.is_cancelled()).then(|| ranking.certainty()),
@@ -135,9 +143,16 @@ fn reached(
     n: &Normalised,
     options: &SimplifyOptions,
 ) -> Chosen {
-    let first = trained.history.first().map_or(f64::INFINITY, |h| h.quality);
-    let fitted = trained.history.iter().any(|h| h.quality > first);
-    let written = if fitted { Written::Fitted } else { starts[start].made };
+    let written = if trained.gained() { Written::Fitted } else { starts[start].made };
     let light = options.exported(&trained.model.candidate, n);
-    Chosen { trained, light, written, fitted: None, own: None, plain: None, certainty: None }
+    Chosen {
+        trained,
+        light,
+        written,
+        fitted: None,
+        own: None,
+        decimation: None,
+        plain: None,
+        certainty: None,
+    }
 }

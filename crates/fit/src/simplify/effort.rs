@@ -120,7 +120,7 @@ mod tests {
         };
         // The written file has a stage of its own where it is not the fit.
         let stages = |o: &Outcome| {
-            let mut stages: Vec<_> = o.stages.iter().map(|s| s.0).collect();
+            let mut stages: Vec<_> = o.stages.iter().map(|s| s.name).collect();
             if o.written != Written::Fitted {
                 assert_eq!(stages.pop(), Some("file"));
             }

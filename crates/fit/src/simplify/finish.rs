@@ -6,6 +6,7 @@ use super::choice::Chosen;
 use super::through_path::{TracedMaps, fit_maps};
 use super::{Asset, SimplifyOptions, Written, dressed};
 use crate::engine::judge::{Certainty, Stage};
+use crate::engine::plan::Item;
 use crate::engine::reference::Reference;
 use crate::engine::surface::Surface;
 use crate::engine::trainer::Trained;
@@ -28,6 +29,10 @@ pub(super) struct Finished {
     pub(super) plain: Option<Stage>,
     /// As [`Chosen::certainty`]; within a budget of bytes the files are compared once more.
     pub(super) certainty: Option<Certainty>,
+    /// As [`Chosen::decimation`].
+    pub(super) decimation: Option<Item>,
+    /// Whether the work was ended while what could be written was compared.
+    pub(super) cut: bool,
 }
 
 /// What is written of `chosen` and, where the file may have so many bytes only, of the asset with its own materials, which was not
@@ -40,7 +45,7 @@ pub(super) fn finish(
     options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<Finished, FitError> {
-    let Chosen { trained, light: new, written: was, mut fitted, own, plain, certainty } = chosen;
+    let Chosen { trained, light: new, written: was, mut fitted, own, decimation, plain, certainty } = chosen;
     let with_maps =
         |light, written| fit_maps(asset, light, (written, trained.stopped, spent), options, progress);
     let (light, compression, written, traced_maps) = match options.max_bytes {
@@ -55,7 +60,9 @@ pub(super) fn finish(
             (made.scene, made.compression, written, course)
         }
     };
-    if written != was && was == Written::Fitted && trained.steps > 0 {
+    let cut = plain.is_some() && progress.is_cancelled();
+    // Within a budget of bytes the file is not as it was fitted.
+    if was == Written::Fitted && options.max_bytes.is_some() {
         fitted = Some(options.exported(&trained.model.candidate, asset.n));
     }
     Ok(Finished {
@@ -67,6 +74,8 @@ pub(super) fn finish(
         traced_maps,
         plain,
         certainty: certainty.filter(|_| options.max_bytes.is_none()),
+        decimation,
+        cut,
     })
 }
 

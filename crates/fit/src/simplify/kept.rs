@@ -47,6 +47,7 @@ pub(super) fn simplify(
     progress.report("decimate", 0, 1, "");
     let first = plain::decimated(scene, n, &[], &plain::own(options.target, n, options))?;
     let best = plain::best(asset, first, reference, options.target, options, progress)?;
+    let decimation = best.1.row();
     let (light, compression) = match options.max_bytes {
         None => (dressed(plain::kept(&best.0, n, options), asset, options), options.compression),
         Some(most) => {
@@ -59,8 +60,9 @@ pub(super) fn simplify(
             (made.scene, made.compression)
         }
     };
+    let cut = progress.is_cancelled();
     let textures = byte_budget::told(&light);
-    let path = outcome::save(output, (&light, compression), options)?;
+    let (path, bytes) = outcome::save(output, (&light, compression), options)?;
     let to_file = began.elapsed().as_secs_f64();
     let written = photofit_scene::load(&path)?;
     let mut stages = Vec::new();
@@ -72,10 +74,11 @@ pub(super) fn simplify(
     let views = judge.views(&stages, options.report_views, progress)?;
     let told = options.judgement(given).made(views.len(), stages_beside(&stages));
     let plan = options.plan(given, reference.kind()).with_judgement(told);
-    let plan = plan.with_result(Written::Kept, [0; 2], None);
-    let names: Vec<&'static str> = stages.iter().map(|s| s.name).collect();
     let written = &stages[stages.len() - 1].scene;
     let triangles = [scene.triangle_count(), written.triangle_count()];
+    let plan = plan.with_result(Written::Kept, [0; 2], None).with_triangles(triangles);
+    let plan = plan.with_decimation(Some(decimation));
+    let plan = plan.with_bytes(options.max_bytes.map(|most| (most, Some(bytes))));
     let stopped = progress.is_cancelled();
     let shape = stand_in(written, n.frame());
     let fitted = SurfacePlan::new(&shape, options.asked(reference.kind()));
@@ -91,9 +94,9 @@ pub(super) fn simplify(
     };
     let times = Times { all: began.elapsed().as_secs_f64(), to_file };
     let judged = judge.method(&stages);
-    let mut made = Outcome::new(triangles, trained, plan, &names, views, judged, times, options);
+    let mut made = Outcome::new(triangles, trained, plan, &stages, views, judged, times, options);
     (made.file, made.written, made.stopped) = (path, Written::Kept, stopped);
-    (made.textures, made.compression) = (textures, compression);
+    (made.textures, made.compression, made.choice_cut) = (textures, compression, cut);
     (made.left_out, made.not_fitted) = (outcome::left_out(given, written, options.appearance), Vec::new());
     prepare::tell_budget(options, triangles, progress);
     Ok(made)

@@ -43,7 +43,7 @@ pub use mips::Mips;
 pub use options::{
     LARGEST_ENGINE_PICTURE, MILD_RATIO, MIN_TRIANGLES, MOST_REPLAYS, Resolved, SimplifyOptions,
 };
-pub use outcome::{Outcome, Written, too_large_path};
+pub use outcome::{Outcome, StageQuality, Written, too_large_path};
 pub use plan::{FitPlan, Judgement};
 pub use reference::ReferenceRenderer;
 pub use through_path::{FitRenderer, TRACED_FOLDER};
@@ -180,6 +180,11 @@ pub(crate) fn simplify_asset(
         return kept::simplify(asset, output, options, began, progress);
     }
     through_path::begin(options, progress);
+    let counted = match from {
+        None => Some(byte_budget::with_triangles_of_maps(asset, options, progress)?),
+        Some(_) => None,
+    };
+    let options = counted.as_ref().unwrap_or(options);
     let (device, renderer) = (options.device_of_fit(progress), options.rasterized_against());
     let judged = &*renderer.reference(scene, n, options)?;
     let drawn = renderer.drawn_on(&device, n, options);
@@ -237,31 +242,42 @@ pub(crate) fn simplify_asset(
         outcome::tell_detail(&chosen.trained.model.candidate, n, progress);
     }
     let spent = fit_began.elapsed();
-    let Finished { trained, light, compression, written, fitted, traced_maps, plain, certainty } =
-        finish::finish(asset, chosen, spent, judged, options, progress)?;
+    let Finished {
+        trained,
+        light,
+        compression,
+        written,
+        fitted,
+        traced_maps,
+        plain,
+        certainty,
+        decimation,
+        cut,
+    } = finish::finish(asset, chosen, spent, judged, options, progress)?;
     if trained.behind.is_some() && written != Written::Decimated {
         progress.warn(
-            "the fit ended early, far behind fewer triangles alone, which yet look worse in the views of the choice; without \
-             them as a choice (new maps) it makes all of its steps",
+            "the fit ended early, far behind the asset's own materials on as many triangles, which yet look worse in the views of the \
+             choice; without them as a choice (new maps) it makes all of its steps",
         );
     }
     prepare::tell_budget(options, [scene.triangle_count(), light.triangle_count()], progress);
     let textures = byte_budget::told(&light);
-    let path = outcome::save(output, (&light, compression), options)?;
+    let (path, bytes) = outcome::save(output, (&light, compression), options)?;
     let to_file = began.elapsed().as_secs_f64();
     let file = photofit_scene::load(&path)?;
     let triangles = [scene.triangle_count(), file.triangle_count()];
     let stages = stages(asset, plain, all, (fitted, written, file), options);
     let judge = options.judge_of(scene, n, judged);
     let pictures = judge.views(&stages, options.report_views, progress)?;
-    let names: Vec<&'static str> = stages.iter().map(|s| s.name).collect();
     let times = Times { all: began.elapsed().as_secs_f64(), to_file };
     let told = options.judgement(given).made(pictures.len(), stages_beside(&stages));
     let plan =
         plan.with_judgement(told).with_result(written, [trained.steps, trained.reached()], traced_maps.row());
-    let plan = plan.with_behind(trained.behind).with_choice(certainty);
+    let plan = plan.with_behind(trained.behind).with_choice(certainty).with_triangles(triangles);
+    let plan = plan.with_decimation(decimation.filter(|_| written == Written::Decimated));
+    let plan = plan.with_bytes(options.max_bytes.map(|most| (most, Some(bytes))));
     let mut outcome =
-        Outcome::new(triangles, trained, plan, &names, pictures, judge.method(&stages), times, options);
+        Outcome::new(triangles, trained, plan, &stages, pictures, judge.method(&stages), times, options);
     outcome.device = device.name();
     (outcome.file, outcome.written) = (path, written);
     (outcome.textures, outcome.compression) = (textures, compression);
@@ -271,6 +287,7 @@ pub(crate) fn simplify_asset(
         outcome::not_fitted(given, light, written.has_own_surface()),
     );
     outcome.stopped |= progress.is_cancelled();
+    outcome.choice_cut = cut;
     outcome.add_traced_maps(traced_maps.course());
     Ok(outcome)
 }
@@ -308,8 +325,9 @@ fn stages(
     stages.extend(plain);
     let start = |s: &Start| Stage::new(s.made.name(), options.exported(&s.candidate, n));
     stages.extend(starts.iter().rev().map(start));
+    let last = if written == Written::Fitted && fitted.is_none() { FITTED } else { FILE };
     stages.extend(fitted.map(|scene| Stage::new(FITTED, scene)));
-    stages.push(Stage::new(if written == Written::Fitted { FITTED } else { FILE }, file));
+    stages.push(Stage::new(last, file));
     stages
 }
 
@@ -325,6 +343,10 @@ fn fingerprint(o: &SimplifyOptions, backs: f32, start: &Candidate) -> Fingerprin
 /// The options that steer a fit.
 fn steering(o: &SimplifyOptions) -> Fingerprint {
     let all = match o.target {
+        // Triangles follow from them, and from the asset.
+        _ if o.triangles_by_bytes => {
+            Fingerprint::default().option("max_bytes", o.max_bytes.unwrap_or_default())
+        }
         Target::Triangles(n) => Fingerprint::default().option("triangles", n),
         Target::Ratio(r) => Fingerprint::default().option("ratio", r),
         Target::Error(e) => Fingerprint::default().option("error", e),

@@ -193,6 +193,7 @@ impl SimplifyOptions {
             .with_judgement(self.judgement(scene))
             .with_occlusion(self.occlusion)
             .with_traced_maps(TracedMaps::planned(self).row())
+            .with_bytes(self.max_bytes.map(|most| (most, None)))
             .with_mips(self.mip_sizes());
         if self.appearance == Appearance::Kept { plan } else { plan.with_outline(by_outline::planned(self)) }
     }
@@ -395,21 +396,25 @@ impl SimplifyOptions {
     /// Whether an asset that keeps its triangles may be written as it is, with textures in place of fitted maps.
     pub(super) fn keeps_all(&self, scene: &Scene) -> bool {
         self.triangles_by_bytes
-            && self.keeps_textures()
+            && self.keeps_textures(scene)
             && self.occlusion == Occlusion::Maps
             && !self.as_engine
             && beyond_rasterizer(scene).is_empty()
     }
 
-    /// Whether the asset's own textures may be written. Its texture coordinates may show one texel in many places, which are
-    /// not occluded alike.
-    pub(super) fn keeps_textures(&self) -> bool {
-        let maps = self.appearance == Appearance::Maps;
-        maps && self.own_textures && !matches!(self.occlusion, Occlusion::Rays(_))
+    /// Whether the asset's own materials may be written, with their textures where the light asset may have some. Texture coordinates of
+    /// its own may show one texel in many places, which are not occluded alike.
+    pub(super) fn keeps_textures(&self, scene: &Scene) -> bool {
+        let may = match self.appearance {
+            Appearance::Maps => true,
+            Appearance::VertexColors => !super::plan::is_textured(scene),
+            Appearance::Kept => false,
+        };
+        may && self.own_textures && !matches!(self.occlusion, Occlusion::Rays(_))
     }
 
     /// Whether all triangles stay, so that nothing is missing that a fit could make up for: textures alone are reduced.
-    fn lacks_nothing(&self, scene: &Scene) -> bool {
+    pub(super) fn lacks_nothing(&self, scene: &Scene) -> bool {
         self.target == Target::Triangles(scene.triangle_count()) && self.keeps_all(scene)
     }
 

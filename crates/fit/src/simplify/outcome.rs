@@ -2,7 +2,7 @@
 
 use super::{Appearance, Effort, FitPlan, Normalised, SimplifyOptions};
 use crate::candidate::Candidate;
-use crate::engine::judge::{Judged, Quality, ReportView, WIDEST_TRACED, beyond_rasterizer};
+use crate::engine::judge::{Judged, Quality, ReportView, Stage, WIDEST_TRACED, beyond_rasterizer};
 use crate::engine::surface::Surface;
 use crate::engine::trainer::{HistoryPoint, Trained};
 use crate::engine::vertex_colors::colored;
@@ -10,6 +10,17 @@ use crate::traced_maps::MapsCourse;
 use crate::{FitError, Progress};
 use photofit_scene::{Compression, Scene};
 use std::path::{Path, PathBuf};
+
+/// An asset that a report compares with the one that was given.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StageQuality {
+    /// What it is called ([`Outcome::stages`]).
+    pub name: &'static str,
+    /// Its triangles.
+    pub triangles: usize,
+    /// The mean over the views of the report.
+    pub quality: Quality,
+}
 
 /// Figures and pictures of a finished simplification.
 #[derive(Debug)]
@@ -35,13 +46,13 @@ pub struct Outcome {
     /// Whether that ended the fit; else it ended what came after it: the choice of what is written, its textures within a budget of
     /// bytes, or the judgement.
     pub fit_stopped: bool,
-    /// Names of the stages with their mean quality, in the order of [`ReportView::quality`]: `decimated` (fewer
-    /// triangles, the asset's own materials; absent where the user stopped the work before the choice), the starts by their
+    /// The stages with their mean quality, in the order of [`ReportView::quality`]: `decimated` (the asset's own materials on as many
+    /// triangles as the fit has; absent where the user stopped the work before the choice), the starts by their
     /// [`Written::name`] (`baked`, absent where there is but one, `shrink-wrapped`, or `sphere`: a new atlas and maps from the asset,
-    /// nothing is fitted), `fitted` (what was fitted;
-    /// absent where no step was made, or the user stopped the work before the choice, and something else was written) and `file` (the written file, loaded again; absent
-    /// where that is the fitted one). The last is the written file.
-    pub stages: Vec<(&'static str, Quality)>,
+    /// nothing is fitted), `fitted` (what was fitted; absent where no step came to anything better than the start, or the user stopped
+    /// the work before the choice, and something else was written) and `file` (the written file, loaded again; absent where that is
+    /// the fitted one, which no budget of bytes made smaller). The last is the written file.
+    pub stages: Vec<StageQuality>,
     /// Every view of the report.
     pub views: Vec<ReportView>,
     /// How the pictures of the report were made.
@@ -64,6 +75,10 @@ pub struct Outcome {
     pub written: Written,
     /// What it has in place of the asset's surface.
     pub appearance: Appearance,
+    /// Bytes that the file was to have at most.
+    pub max_bytes: Option<u64>,
+    /// Whether the work was ended while what could be written was compared: what was written is the best by then.
+    pub choice_cut: bool,
     /// Its textures: sizes and encodings.
     pub textures: String,
     /// How its geometry is stored: within a budget of bytes maybe in a coarser precision than was asked for.
@@ -90,17 +105,19 @@ pub fn too_large_path(output: &Path) -> PathBuf {
     beside(output, "too-large.glb")
 }
 
-/// Writes a light asset, its geometry compressed in a way, and returns where: one of more bytes than are asked for replaces nothing.
+/// Writes a light asset, its geometry compressed in a way, and returns where, and its bytes: one of more than are asked for replaces
+/// nothing.
 pub(super) fn save(
     output: &Path,
     (light, compression): (&Scene, Compression),
     options: &SimplifyOptions,
-) -> Result<PathBuf, FitError> {
-    let bytes = photofit_scene::to_glb_with(light, compression)?;
-    let fits = options.max_bytes.is_none_or(|most| bytes.len() as u64 <= most);
+) -> Result<(PathBuf, u64), FitError> {
+    let file = photofit_scene::to_glb_with(light, compression)?;
+    let bytes = file.len() as u64;
+    let fits = options.max_bytes.is_none_or(|most| bytes <= most);
     let path = if fits { output.to_owned() } else { too_large_path(output) };
-    photofit_scene::write_glb(&path, &bytes)?;
-    Ok(path)
+    photofit_scene::write_glb(&path, &file)?;
+    Ok((path, bytes))
 }
 
 /// What of a fit was written: what looked best in the views of the choice.
@@ -170,12 +187,12 @@ pub(super) struct Times {
 impl Outcome {
     /// Mean quality of a stage.
     pub fn stage(&self, name: &str) -> Option<&Quality> {
-        self.stages.iter().find(|(n, _)| *n == name).map(|(_, q)| q)
+        self.stages.iter().find(|s| s.name == name).map(|s| &s.quality)
     }
 
     /// Mean quality of the written file, the last of the stages.
     pub fn shipped(&self) -> Option<&Quality> {
-        self.stages.last().map(|(_, q)| q)
+        self.stages.last().map(|s| &s.quality)
     }
 
     /// Whether what was written was compared with what else could be. Where the user stopped the work before, it is the best of
@@ -216,13 +233,17 @@ impl Outcome {
         [triangles_in, triangles_out]: [usize; 2],
         trained: Trained<Surface>,
         plan: FitPlan,
-        names: &[&'static str],
+        stages: &[Stage],
         views: Vec<ReportView>,
         judged: Judged,
         times: Times,
         options: &SimplifyOptions,
     ) -> Self {
-        let mean = |k: usize| Quality::mean(views.iter().map(|v| &v.quality[k].quality));
+        let of = |(k, stage): (usize, &Stage)| StageQuality {
+            name: stage.name,
+            triangles: stage.scene.triangle_count(),
+            quality: Quality::mean(views.iter().map(|v| &v.quality[k].quality)),
+        };
         let last = trained.history.last().map_or(0.0, |h| h.quality);
         let settled = trained.history.iter().rev().take_while(|h| h.quality > last - 0.5).last();
         Self {
@@ -236,7 +257,7 @@ impl Outcome {
             seconds_to_half_db: settled.map_or(0.0, |h| h.seconds),
             stopped: trained.stopped,
             fit_stopped: trained.stopped,
-            stages: names.iter().enumerate().map(|(k, name)| (*name, mean(k))).collect(),
+            stages: stages.iter().enumerate().map(of).collect(),
             views,
             judged,
             judge_spp: match judged {
@@ -251,6 +272,8 @@ impl Outcome {
             file: PathBuf::new(),
             written: Written::Fitted,
             appearance: options.appearance,
+            max_bytes: options.max_bytes,
+            choice_cut: false,
             textures: String::new(),
             compression: options.compression,
             candidate: trained.model.candidate,

@@ -5,8 +5,10 @@ use super::options::MILD_RATIO;
 use super::prepare::{decimated_only, importance};
 use super::{Asset, Normalised, SimplifyOptions, locks};
 use crate::bake::Occlusion;
-use crate::engine::judge::{self, Stage, beyond_rasterizer};
+use crate::engine::judge::{self, Certainty, Stage, beyond_rasterizer};
+use crate::engine::plan::Item;
 use crate::engine::reference::Reference;
+use crate::report::counted;
 use crate::{FitError, Progress};
 use photofit_geometry::decimate::{Options, Target};
 use photofit_image::round_to_8_bits;
@@ -27,7 +29,7 @@ pub(super) fn own(target: Target, n: &Normalised, options: &SimplifyOptions) -> 
 }
 
 /// What quadrics weigh.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Weights {
     /// The measured defaults.
     #[default]
@@ -40,12 +42,15 @@ enum Weights {
     Shading,
 }
 
+/// How many times as much normals weigh then.
+const SHADING: f64 = 5.0;
+
 impl Weights {
     fn of(self, own: Options) -> Options {
         match self {
             Self::Default => own,
             Self::Mild => Options { normal_weight: 0.003, thin_power: 0.0, refine_rounds: 0, ..own },
-            Self::Shading => Options { normal_weight: 5.0 * own.normal_weight, ..own },
+            Self::Shading => Options { normal_weight: SHADING * own.normal_weight, ..own },
         }
     }
 }
@@ -66,9 +71,31 @@ pub(super) struct Decimation {
     /// How much each triangle counts; empty: all alike.
     importance: Vec<f32>,
     weights: Weights,
+    /// Among how many it was chosen and how surely, where others were tried.
+    chosen: Option<(usize, Certainty)>,
 }
 
 impl Decimation {
+    /// The row of the plan.
+    pub(super) fn row(&self) -> Item {
+        let weights = match self.weights {
+            Weights::Default if !self.importance.is_empty() => "quadrics of what is seen more weigh more",
+            Weights::Default => "quadrics with the measured weights",
+            Weights::Mild => {
+                "quadrics of texture coordinates weigh as much, those of normals less, thin parts no more than others"
+            }
+            Weights::Shading => "quadrics of normals weigh five times as much",
+        };
+        let chosen = match self.chosen {
+            None => "; no others were compared".to_owned(),
+            Some((of, Certainty { views, close })) => {
+                let close = if close { ", and another may be better yet" } else { "" };
+                format!("; the best of {of} in {}{close}", counted(views as usize, "view"))
+            }
+        };
+        Item::note("decimation", format!("{weights}{chosen}"))
+    }
+
     fn decimated(
         &self,
         asset: Asset<'_>,
@@ -114,7 +141,8 @@ pub(super) fn best(
     };
     let best = ranking.best();
     others.insert(0, Decimation::default());
-    Ok((stages.swap_remove(best), others.swap_remove(best)))
+    let chosen = (ranking.views() > 0).then(|| (others.len(), ranking.certainty()));
+    Ok((stages.swap_remove(best), Decimation { chosen, ..others.swap_remove(best) }))
 }
 
 /// The decimation that looks best, as it is written, and, where triangles follow from bytes, others made in the same way.
@@ -155,7 +183,7 @@ pub(super) fn kept(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> 
 }
 
 /// The asset with its own materials that may be written in place of a fitted one, if it may: the best of several
-/// decimations, the first of which is `plain`.
+/// decimations, the first of which is `plain`. With it comes how it was decimated.
 pub(super) fn candidate(
     asset: Asset<'_>,
     plain: &Stage,
@@ -163,12 +191,13 @@ pub(super) fn candidate(
     target: Target,
     options: &SimplifyOptions,
     progress: &dyn Progress,
-) -> Result<Option<Shapes>, FitError> {
-    if !options.keeps_textures() {
+) -> Result<Option<(Shapes, Item)>, FitError> {
+    if !options.keeps_textures(asset.scene) {
         return Ok(None);
     }
     let best = best(asset, plain.clone(), reference, target, options, progress)?;
-    shapes(asset, &best, (options, progress), &|stage| written(stage, asset.n, options)).map(Some)
+    let shapes = shapes(asset, &best, (options, progress), &|stage| written(stage, asset.n, options))?;
+    Ok(Some((shapes, best.1.row())))
 }
 
 /// The same as it may be written in place of a fitted asset: in the asset's frame, with textures that together have no

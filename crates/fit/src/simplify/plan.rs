@@ -6,6 +6,7 @@
 mod asset;
 mod judgement;
 
+pub(super) use asset::is_textured;
 pub use judgement::Judgement;
 
 use super::{Appearance, Written};
@@ -60,6 +61,12 @@ pub struct FitPlan {
     unseen: Option<Unseen>,
     /// Whether maps are fitted through the path tracer, where that is asked for.
     traced_maps: Option<Item>,
+    /// Triangles of the asset and of the written file.
+    triangles: Option<[usize; 2]>,
+    /// How the asset with its own surface was decimated, where that is written.
+    decimation: Option<Item>,
+    /// Bytes that the file may have, and those that it has.
+    bytes: Option<(u64, Option<u64>)>,
     /// What came of it.
     result: Option<Ended>,
 }
@@ -72,7 +79,7 @@ struct Ended {
     steps: u64,
     /// The step up to which it came.
     reached: u64,
-    /// By how many dB it was behind fewer triangles alone when it ended early for that.
+    /// By how many dB it was behind the asset's own materials when it ended early for that.
     behind: Option<f64>,
     /// How sure the choice of what is written is.
     choice: Option<Certainty>,
@@ -96,6 +103,9 @@ impl FitPlan {
             outline: None,
             unseen: None,
             traced_maps: None,
+            triangles: None,
+            decimation: None,
+            bytes: None,
             result: None,
         }
     }
@@ -202,7 +212,25 @@ impl FitPlan {
         }
     }
 
-    /// Adds to the result by how many dB the fit was behind fewer triangles alone, where it ended early for that.
+    /// Adds the triangles of the asset and of the written file.
+    #[must_use]
+    pub(crate) fn with_triangles(self, triangles: [usize; 2]) -> Self {
+        Self { triangles: Some(triangles), ..self }
+    }
+
+    /// Adds how the asset with its own surface was decimated; nothing is told without.
+    #[must_use]
+    pub(crate) fn with_decimation(self, decimation: Option<Item>) -> Self {
+        Self { decimation, ..self }
+    }
+
+    /// Adds the bytes that the file may have and, once it is written, those that it has; nothing is told without.
+    #[must_use]
+    pub(crate) fn with_bytes(self, bytes: Option<(u64, Option<u64>)>) -> Self {
+        Self { bytes, ..self }
+    }
+
+    /// Adds to the result by how many dB the fit was behind the asset's own materials, where it ended early for that.
     #[must_use]
     pub(crate) fn with_behind(self, behind: Option<f64>) -> Self {
         Self { result: self.result.map(|r| Ended { behind, ..r }), ..self }
@@ -232,17 +260,31 @@ impl FitPlan {
         match self.appearance {
             None | Some(Appearance::Maps) => {}
             Some(Appearance::Kept) => {
-                let why =
-                    "triangles alone are fewer; texture coordinates, materials and textures stay".to_owned();
+                let why = "texture coordinates, materials and textures stay; triangles may become fewer, and within a budget of \
+                           bytes textures smaller";
                 items.push(Item::note("own surface", why));
             }
             Some(Appearance::VertexColors) => {
-                let why = "fitted maps become colours of vertices and factors of materials; normal maps are left out".to_owned();
-                items.push(Item { what: "colours of vertices", runs: Runs::Yes, why });
+                let fitted = "fitted maps become colours of vertices and factors of materials; normal maps are left out";
+                let (runs, why) = match self.surface() {
+                    LightSurface::Own => {
+                        (Runs::No, "the asset's own materials are written, which have no textures".into())
+                    }
+                    LightSurface::Open => (
+                        Runs::Open,
+                        format!(
+                            "unless the asset's own materials, which have no textures, look better: {fitted}"
+                        ),
+                    ),
+                    LightSurface::New | LightSurface::Colors => (Runs::Yes, fitted.into()),
+                };
+                items.push(Item { what: "colours of vertices", runs, why });
             }
         }
+        items.extend(self.result.map(|r| written(r, self.appearance, self.triangles)));
+        items.extend(self.decimation.clone());
+        items.extend(self.bytes.map(rows::bytes));
         if self.appearance != Some(Appearance::Kept) {
-            items.extend(self.result.map(|r| written(r, self.appearance)));
             let steps = self.choices.as_ref().zip(self.result).filter(|(c, _)| c.steps > 0);
             items.extend(steps.map(|(c, r)| rows::steps(r.steps, c.steps, r.behind)));
             let none = self.choices.as_ref().and_then(|c| c.why_none);
@@ -274,6 +316,7 @@ impl FitPlan {
         match (self.appearance, self.result.map(|r| r.written)) {
             (Some(Appearance::Kept), _) => LightSurface::Own,
             (_, Some(written)) if written.has_own_surface() => LightSurface::Own,
+            (Some(Appearance::VertexColors), None) if !self.asset.is_textured() => LightSurface::Open,
             (Some(Appearance::VertexColors), _) => LightSurface::Colors,
             (_, Some(_)) => LightSurface::New,
             (_, None) => LightSurface::Open,
@@ -321,19 +364,23 @@ impl FitPlan {
 }
 
 /// The row of what is written.
-fn written(Ended { written, steps, choice, .. }: Ended, appearance: Option<Appearance>) -> Item {
+fn written(
+    Ended { written, choice, .. }: Ended,
+    appearance: Option<Appearance>,
+    triangles: Option<[usize; 2]>,
+) -> Item {
     let maps = appearance.unwrap_or_default().in_words();
     let why = match written {
-        Written::Fitted if steps == 0 => "what the fit was to start from".to_owned(),
         Written::Fitted => "what was fitted".to_owned(),
         Written::Rebaked => format!("the fitted shape, its {maps} baked anew"),
         Written::ShrinkWrapped | Written::Baked | Written::Sphere => {
             format!("the start: {} with baked {maps}", written.start())
         }
-        Written::Decimated => "the decimated asset with its own materials".to_owned(),
-        Written::Kept => "the asset's own surface on fewer triangles".to_owned(),
+        Written::Decimated => "the asset's own materials and texture coordinates".to_owned(),
+        Written::Kept => "the asset's own surface".to_owned(),
         Written::Whole => "the asset as it was given: no other file took so few bytes".to_owned(),
     };
+    let on = triangles.map_or_else(String::new, |[of, made]| format!("; {made} of {of} triangles"));
     let chosen = match choice {
         Some(Certainty { views, close }) => {
             let views = crate::report::counted(views as usize, "view");
@@ -344,7 +391,7 @@ fn written(Ended { written, steps, choice, .. }: Ended, appearance: Option<Appea
         }
         None => String::new(),
     };
-    Item::note("written asset", why + &chosen)
+    Item::note("written asset", why + &on + &chosen)
 }
 
 impl From<&FitPlan> for PlanRows {

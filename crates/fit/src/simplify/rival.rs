@@ -67,7 +67,7 @@ fn decimated(asset: Asset<'_>, candidate: &Candidate, options: &SimplifyOptions)
 /// where the choice is path traced, nor where the fit starts far from the asset.
 fn is_told(asset: Asset<'_>, options: &SimplifyOptions) -> bool {
     options.steps > 0
-        && options.keeps_textures()
+        && options.keeps_textures(asset.scene)
         && options.max_bytes.is_none()
         && !options.as_engine
         && options.init.is_decimated()

@@ -62,7 +62,7 @@ fn a_fit_far_behind_fewer_triangles_alone_ends_early() {
     let (ended, file) = made(&far);
     assert!(ended.steps < 200 && ended.written == Written::Decimated, "{} {:?}", ended.steps, ended.stages);
     let told = ended.plan.to_string();
-    assert!(told.contains(" of at most 200: fewer triangles alone look"), "{told}");
+    assert!(told.contains(" of at most 200: the asset's own materials look"), "{told}");
     // Within bytes, as engines draw it, and with new maps alone nothing is known of what will be written.
     for o in [
         SimplifyOptions { max_bytes: Some(1 << 20), ..far.clone() },
@@ -112,7 +112,7 @@ fn decimation_is_written_where_no_fit_looks_better() {
     let light = photofit_scene::load(&path).unwrap();
     assert!(outcome.written != Written::Decimated && light.materials[0].normal_texture.is_some());
     let better = crate::report::Verdict::of(&outcome).better;
-    assert_eq!(better.map(|b| b.0), Some("decimated"), "{:?}", outcome.stages);
+    assert_eq!(better.map(|b| b.name), Some("decimated"), "{:?}", outcome.stages);
 }
 
 /// Smallest red of the occlusion map of a written asset, its largest, and whether it has one.
@@ -480,4 +480,39 @@ fn an_asset_that_no_camera_sees_is_told() {
         assert_eq!(told(AlphaMode::Blend), 1, "{appearance:?}");
         assert_eq!(told(AlphaMode::Opaque), 0, "{appearance:?}: alpha has no meaning there");
     }
+}
+
+/// Where no step comes to anything better, what is written is a start and has its name, and no row speaks of a fit.
+#[test]
+fn a_fit_that_gains_nothing_is_its_start() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    let file = |triangles: usize, steps: u64| {
+        let target = Target::Triangles(triangles);
+        let few = SimplifyOptions { target, own_textures: false, effort: Effort::Fast, steps, ..options() };
+        let made = simplify(&rock(), &path, &few, &Silent).unwrap();
+        (made, std::fs::read(&path).unwrap())
+    };
+    let mut without = 0;
+    for triangles in [200, 400, 640, 1280] {
+        let (none, start) = file(triangles, 0);
+        let (some, fitted) = file(triangles, 1);
+        let first = some.history[0].quality;
+        if some.history.iter().any(|h| h.quality > first) {
+            continue;
+        }
+        without += 1;
+        assert!(some.steps > 0 && start == fitted, "a step that looks worse is not written");
+        for made in [&none, &some] {
+            assert_eq!(made.written, Written::ShrinkWrapped);
+            let names: Vec<&str> = made.stages.iter().map(|s| s.name).collect();
+            assert_eq!(names, ["decimated", "shrink-wrapped", "file"]);
+            assert!(made.stages.iter().all(|s| s.triangles == made.triangles_out));
+            let verdict = crate::report::Verdict::of(made).to_string();
+            assert!(verdict.contains("drawn onto the asset's surface"), "{verdict}");
+            let counts = format!("{} of {} triangles", made.triangles_out, made.triangles_in);
+            assert!(made.plan.to_string().contains(&counts), "{}", made.plan);
+        }
+    }
+    assert!(without > 0, "every first step gained");
 }

@@ -27,6 +27,8 @@ struct Statements {
     colors: Vec<Vec4f>,
     uvs: Vec<Vec2f>,
     normals: Vec<Vec3f>,
+    /// How many of them the file gives; those behind are computed.
+    given_normals: usize,
     /// How many of them have no direction and are computed.
     without_direction: usize,
     /// Triangles by material, in the order of first use.
@@ -294,6 +296,7 @@ impl Statements {
 
     /// Gives normals to the corners that have none.
     fn fill_normals(&mut self, missing: Missing) {
+        self.given_normals = self.normals.len();
         let lacks = |c: &Corner, normals: &[Vec3f]| c[2] == NONE || normals[c[2] as usize] == Vec3f::zero();
         let triangles = || self.groups.iter().flat_map(|g| &g.1);
         if !triangles().flatten().any(|c| lacks(c, &self.normals)) {
@@ -325,6 +328,8 @@ impl Statements {
     fn build(&self, scene: &mut Scene, budget: &mut Budget<'_>, clay: usize) -> Result<(), Fault> {
         for (material, triangles) in &self.groups {
             let mesh = self.group_mesh(triangles);
+            let computed = triangles.iter().flatten().all(|c| c[2] as usize >= self.given_normals);
+            scene.computed_normals.extend(computed.then_some(scene.primitives.len()));
             budget.vertices(mesh.positions.len() as u64, || "the corners of all faces".into())?;
             place(scene, Primitive { mesh, material: *material });
         }
@@ -336,6 +341,7 @@ impl Statements {
                 colors: self.colors.clone(),
                 ..Mesh::default()
             };
+            scene.computed_normals.push(scene.primitives.len());
             place(scene, Primitive { mesh, material: clay });
         }
         Ok(())

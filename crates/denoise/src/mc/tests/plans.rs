@@ -124,3 +124,61 @@ fn a_sequence_says_where_its_noise_is_from() {
         assert_eq!(why, if frames == 1 { "from the two halves" } else { "from the history" });
     }
 }
+
+/// An input that is given and left out is told apart from one that is not given, and what rests on it says so, too.
+#[test]
+fn inputs_that_are_left_out_were_given() {
+    let case = case();
+    let n = case.scene.shape.pixels();
+    let position: Vec<f32> = (0..3 * n).map(|i| (i % 96) as f32).collect();
+    let guides = Guides { position: Some(&position), ..case.scene.guides() };
+    let frame =
+        Frame { variance: Some(&case.variance), ..Frame::new(96, 64, &case.mean).with_guides(guides) };
+    let bare = Frame::new(96, 64, &case.mean);
+    let why = |frame: &Frame<'_>, stage: Stage, step: &str| {
+        let plan = denoise(frame, &Settings { without: stage.into(), ..with(Model::Auto) }).unwrap().plan;
+        plan.step(step).map(|s| (s.runs, s.why.clone()))
+    };
+    for (stage, steps) in [
+        (Stage::Albedo, &["albedo"][..]),
+        (Stage::Normal, &["normal"]),
+        (Stage::Position, &["position", "depth"]),
+    ] {
+        for step in steps {
+            let given = if *step == "depth" { guides.depth.is_some() } else { true };
+            let expected = if given { "left out by the settings" } else { "not given" };
+            assert_eq!(why(&frame, stage, step), Some((false, expected.into())), "{stage}, {step}");
+            assert_eq!(why(&bare, stage, step), Some((false, "not given".into())), "{stage}, {step}");
+        }
+    }
+    for step in ["noise", "antialiasing"] {
+        let told = |frame| why(frame, Stage::Variance, step).map_or_else(String::new, |s| s.1);
+        assert!(
+            told(&frame).ends_with("the variance layer is left out by the settings"),
+            "{step}: {}",
+            told(&frame)
+        );
+        assert!(told(&bare).ends_with("no variance layer"), "{step}: {}", told(&bare));
+    }
+}
+
+/// A model is the same without stages that it does not have, and only without those.
+#[test]
+fn a_model_has_the_stages_that_change_it() {
+    let case = case();
+    let guided = Frame::new(96, 64, &case.mean).with_guides(case.scene.guides());
+    let known = Frame { variance: Some(&case.variance), ..guided };
+    for model in MODELS {
+        let all = [&guided, &known].map(|f| denoise(f, &with(model)).unwrap().color);
+        for stage in Stage::ALL.into_iter().filter(|s| !s.is_of(model)) {
+            for (frame, all) in [&guided, &known].into_iter().zip(&all) {
+                let less = denoise(frame, &Settings { without: stage.into(), ..with(model) }).unwrap();
+                assert!(less.color == *all, "{model:?} has {stage}");
+            }
+        }
+    }
+    for stage in [Stage::Bandwidth, Stage::Detail, Stage::Edges] {
+        let less = denoise(&known, &Settings { without: stage.into(), ..with(Model::Auto) }).unwrap();
+        assert!(less.color != denoise(&known, &with(Model::Auto)).unwrap().color, "{stage}");
+    }
+}

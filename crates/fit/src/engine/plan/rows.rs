@@ -201,12 +201,23 @@ pub(crate) fn opaque() -> String {
     format!("every surface is opaque: one layer in place of {}, no blending", Passes::default().max_layers)
 }
 
-/// The row of the steps that were made, of those that were to be made at most, and by how many dB the fit was behind fewer
-/// triangles alone where it ended early for that.
+/// The row of a budget of bytes, with the bytes of the file once it is written.
+pub(crate) fn bytes((most, file): (u64, Option<u64>)) -> Item {
+    const HOW: &str = "textures and the precision of compressed geometry give way";
+    let why = match file {
+        None => format!("at most {most}: {HOW}"),
+        Some(bytes) if bytes <= most => format!("{bytes} of at most {most}: {HOW}"),
+        Some(bytes) => format!("{bytes}, the fewest that were found; at most {most} were asked for"),
+    };
+    Item { what: "bytes of the file", runs: Runs::Yes, why }
+}
+
+/// The row of the steps that were made, of those that were to be made at most, and by how many dB the fit was behind the asset's own
+/// materials where it ended early for that.
 pub(crate) fn steps(made: u64, most: u64, behind: Option<f64>) -> Item {
     let behind = behind.map_or(String::new(), |b| {
         format!(
-            ": fewer triangles alone look {b:.1} dB better, which no step could be expected to make up for"
+            ": the asset's own materials look {b:.1} dB better, which no step could be expected to make up for"
         )
     });
     Item::of(

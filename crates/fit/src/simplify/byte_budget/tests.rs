@@ -16,6 +16,22 @@ use photofit_scene::{
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+/// Textures that are stored alike are told together, by their names where others are stored otherwise.
+#[test]
+fn textures_are_told_by_name_where_they_differ() {
+    let image =
+        |name: &str, width| TextureImage { name: name.into(), width, height: 8, ..TextureImage::default() };
+    let told = |images: &[(&str, usize)]| {
+        let images = images.iter().map(|(name, width)| image(name, *width)).collect();
+        super::told(&Scene { images, ..Scene::default() })
+    };
+    assert_eq!(told(&[]), "none");
+    assert_eq!(told(&[("a", 8), ("b", 8)]), "8 x 8 as PNG");
+    assert_eq!(told(&[("a", 8), ("", 16), ("c", 8)]), "a, c 8 x 8 as PNG; image 1 16 x 8 as PNG");
+    let six = [("a", 8), ("b", 8), ("c", 8), ("d", 8), ("e", 8), ("f", 16)];
+    assert_eq!(told(&six), "a, b, c, d and 1 more 8 x 8 as PNG; f 16 x 8 as PNG");
+}
+
 /// A rock with stripes in vertex colours beside one that is smooth: colours, normals and roughness have images.
 fn striped() -> Scene {
     let mut mesh = displaced_sphere(24, 0.2, 5, 3);
@@ -115,7 +131,7 @@ fn images_share_a_budget_by_what_they_lose() {
         );
         assert!(third.encodings.iter().all(|e| allowed.contains(e)), "{:?}", third.encodings);
         assert!(third.psnr > free.psnr - 2.0, "{} {}: {}", free.psnr, third.psnr, third.told);
-        let words: Vec<&str> = third.told.split(", ").collect();
+        let words: Vec<&str> = third.told.split("; ").collect();
         assert!(words.len() >= 2, "images are stored apart: {}", third.told);
     }
 }
@@ -439,4 +455,70 @@ fn textures_that_fit_stay_as_they_were_read() {
     let kept = SimplifyOptions { appearance: Appearance::Kept, ..options() };
     let (made, _) = with_own(&asset, &dir.path().join("a.glb"), Some(40_000), kept);
     assert!(made.textures.contains("JPEG, as in the asset"), "{}", made.textures);
+}
+
+/// A rock whose triangles have normals of their own, so that each has three vertices.
+fn faceted() -> Scene {
+    let smooth = displaced_sphere(16, 0.25, 4, 3);
+    let corners = smooth.triangles.iter().flatten();
+    let mut mesh = photofit_geometry::Mesh {
+        positions: corners.map(|v| smooth.positions[*v as usize]).collect(),
+        triangles: (0..smooth.triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(),
+        ..photofit_geometry::Mesh::default()
+    };
+    mesh.normals = photofit_geometry::normals::mesh_normals(&mesh);
+    of(mesh, Material::clay())
+}
+
+/// Triangles that follow from bytes are counted by what a fit writes, whatever the asset's own geometry takes: half of the file where maps
+/// share it, all of it where colours of vertices are all there is.
+#[test]
+fn triangles_of_new_maps_are_counted_by_what_they_take() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    for (asset, most) in [(faceted(), 60_000), (rock(), 40_000)] {
+        for (appearance, share) in [(Appearance::Maps, 0.5), (Appearance::VertexColors, 1.0)] {
+            let o = SimplifyOptions {
+                appearance,
+                own_textures: false,
+                triangles_by_bytes: true,
+                max_bytes: Some(most),
+                texture_size: 128,
+                steps: 0,
+                ..options()
+            };
+            let made = simplify(&asset, &path, &o, &Silent).unwrap();
+            let light = photofit_scene::load(&path).unwrap();
+            let bytes = super::bytes_without_textures(&light, Compression::None).unwrap() as f64;
+            let part = bytes / (share * most as f64);
+            let all = made.triangles_out == made.triangles_in;
+            println!("{appearance:?}: {} of {} triangles, {part}", made.triangles_out, made.triangles_in);
+            assert!(part <= 1.05 && (all || part > 0.85), "{appearance:?}: {part} of {most}, {made:?}");
+            assert!(std::fs::metadata(&path).unwrap().len() <= most);
+        }
+    }
+}
+
+/// An asset without textures may keep its materials where colours of vertices are asked for.
+#[test]
+fn materials_without_textures_may_be_written_for_colours_of_vertices() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    let smooth = of(displaced_sphere(24, 0.25, 4, 3), Material { name: "stone".into(), ..Material::clay() });
+    let o = SimplifyOptions {
+        appearance: Appearance::VertexColors,
+        target: Target::Triangles(600),
+        resolution: 64,
+        steps: 2,
+        own_textures: true,
+        ..options()
+    };
+    let made = simplify(&smooth, &path, &o, &Silent).unwrap();
+    assert_eq!(made.written, Written::Decimated, "{:?}", made.stages);
+    let told = made.plan.to_string();
+    assert!(told.contains("skip colours of vertices") && !told.contains("open "), "{told}");
+    let made =
+        simplify(&tiled(), &path, &SimplifyOptions { target: Target::Triangles(200), ..o }, &Silent).unwrap();
+    assert_ne!(made.written, Written::Decimated, "its textures have no place");
+    assert!(made.plan.to_string().contains("run  colours of vertices"), "{}", made.plan);
 }

@@ -3,15 +3,17 @@
 use super::coarsest;
 use crate::FitError;
 use crate::simplify::MIN_TRIANGLES;
-use photofit_scene::{Compression, Material, Scene, to_glb_with};
+use photofit_scene::{Compression, Scene, TextureImage, to_glb_with};
 
 /// Part of a file's bytes that geometry may take where the budget of triangles follows from bytes: a convention, which no
 /// measurement chose.
 const GEOMETRY: f64 = 0.5;
 /// Other parts that the asset's own textures are tried with, which cost no fit.
 const OTHER_PARTS: [f64; 3] = [0.25, 0.75, 0.9];
-/// Share of its bytes that a decimation may leave unused, and decimations that come nearer to them at most.
+/// Share of its bytes that a decimation may leave unused; the same of a fit with new maps, whose share of the file is a convention and
+/// whose starts take long; and decimations that come nearer to them at most.
 const UNUSED: f64 = 0.02;
+const UNUSED_BY_MAPS: f64 = 0.1;
 const CORRECTIONS: usize = 4;
 
 /// The triangles of an asset that a file of `most` bytes holds: all where the asset as it is fits, and otherwise as many as
@@ -51,32 +53,80 @@ pub(in crate::simplify) fn others(
     let start = [first.triangle_count() as f64, bytes as f64];
     let mut known = vec![first.triangle_count()];
     for part in parts {
-        let room = part * most as f64;
-        // Bytes are a line of triangles: at first through none, then through the last two decimations.
-        let (mut before, mut last, mut best) = ([0.0; 2], start, None::<Scene>);
-        for _ in 0..CORRECTIONS {
-            let slope = (last[0] - before[0]) / (last[1] - before[1]);
-            let aimed = last[0] + slope * ((1.0 - UNUSED / 2.0) * room - last[1]);
-            let triangles = (aimed.max(0.0) as usize).clamp(MIN_TRIANGLES.min(all), all);
-            if !slope.is_finite() || triangles as f64 == last[0] || stop() {
-                break;
-            }
+        let sized = |triangles: usize| {
             let (made, bytes) = decimated(triangles)?;
-            (before, last) = (last, [made.triangle_count() as f64, bytes as f64]);
-            let fits = last[1] <= room;
-            if fits && best.as_ref().is_none_or(|b| made.triangle_count() > b.triangle_count()) {
-                best = Some(made);
-            }
-            if fits && (last[1] >= (1.0 - UNUSED) * room || triangles == all) {
-                break;
-            }
-        }
+            let size = [made.triangle_count() as f64, bytes as f64];
+            Ok((made, size))
+        };
+        let best = nearest(start, (part * most as f64, UNUSED), all, &sized, stop)?;
         if let Some(best) = best.filter(|b| !known.contains(&b.triangle_count())) {
             known.push(best.triangle_count());
             add(best);
         }
     }
     Ok(())
+}
+
+/// What `made` makes with most triangles, of at most `all`, in `room` bytes, of which a share may stay unused; `None` where nothing
+/// that was tried fits. What is made comes with its triangles and bytes, as they are known of a `start`. Work that is to `stop` makes
+/// no more.
+///
+/// # Errors
+/// As `made`.
+fn nearest<T>(
+    start: [f64; 2],
+    (room, unused): (f64, f64),
+    all: usize,
+    made: &dyn Fn(usize) -> Result<(T, [f64; 2]), FitError>,
+    stop: &dyn Fn() -> bool,
+) -> Result<Option<T>, FitError> {
+    // Bytes are a line of triangles: at first through none, then through the last two that were made.
+    let (mut before, mut last, mut best) = ([0.0; 2], start, None::<(T, f64)>);
+    for _ in 0..CORRECTIONS {
+        let slope = (last[0] - before[0]) / (last[1] - before[1]);
+        let aimed = last[0] + slope * ((1.0 - unused / 2.0) * room - last[1]);
+        let triangles = (aimed.max(0.0) as usize).clamp(MIN_TRIANGLES.min(all), all);
+        if !slope.is_finite() || triangles as f64 == last[0] || stop() {
+            break;
+        }
+        let (made, size) = made(triangles)?;
+        (before, last) = (last, size);
+        let fits = last[1] <= room;
+        if fits && best.as_ref().is_none_or(|b| last[0] > b.1) {
+            best = Some((made, last[0]));
+        }
+        if fits && (last[1] >= (1.0 - unused) * room || triangles == all) {
+            break;
+        }
+    }
+    Ok(best.map(|b| b.0))
+}
+
+/// The triangles of a fit with maps of its own that are to be counted by bytes: as many as take [`GEOMETRY`] of `most`, or all of it where
+/// nothing has textures. `started` makes a start of at most so many, which is what will be fitted, as it would be written; `first` are
+/// those that the asset's own geometry suggests, of `all`.
+///
+/// # Errors
+/// As `started`.
+pub(in crate::simplify) fn triangles_of_maps(
+    (first, all): (usize, usize),
+    (most, textured): (u64, bool),
+    started: &dyn Fn(usize) -> Result<(usize, u64), FitError>,
+    stop: &dyn Fn() -> bool,
+) -> Result<usize, FitError> {
+    let room = if textured { GEOMETRY * most as f64 } else { most as f64 };
+    let sized = |triangles: usize| {
+        let (made, bytes) = started(triangles)?;
+        Ok((triangles, [made as f64, bytes as f64]))
+    };
+    let (_, size) = sized(first)?;
+    let fits = size[1] <= room;
+    if fits && (size[1] >= (1.0 - UNUSED_BY_MAPS) * room || first == all) {
+        return Ok(first);
+    }
+    let found = nearest(size, (room, UNUSED_BY_MAPS), all, &sized, stop)?;
+    let least = if fits { first } else { MIN_TRIANGLES.min(all) };
+    Ok(found.map_or(least, |found| if fits { found.max(first) } else { found }))
 }
 
 /// Bytes of the file of a scene without its textures.
@@ -93,11 +143,15 @@ pub(in crate::simplify) fn bytes_without_textures(
     })
 }
 
-/// Bytes of the geometry of a scene, each instance with its own, and of what is stored of it.
+/// Bytes of the geometry of a scene, each instance with its own, and of what is stored of it. Materials count in, which say what is stored
+/// of vertices; their images, which may be left out, count with a texel each.
 pub(super) fn geometry(scene: &Scene, compression: Compression) -> Result<[f64; 2], FitError> {
-    let mut bare = scene.clone();
-    bare.materials.iter_mut().for_each(|m| *m = Material::default());
-    bare.images.clear();
+    let images = scene.materials.iter().flat_map(|m| m.texture_slots()).map(|slot| slot.image + 1).max();
+    let texel = |k: usize| {
+        let name = scene.images.get(k).map_or_else(String::new, |i| i.name.clone());
+        TextureImage { name, width: 1, height: 1, texels: vec![[255; 4]], ..TextureImage::default() }
+    };
+    let bare = Scene { images: (0..images.unwrap_or(0)).map(texel).collect(), ..scene.clone() };
     let shared: usize = scene.primitives.iter().map(|p| p.mesh.triangles.len()).sum();
     let stored = to_glb_with(&bare, compression)?.len() as f64;
     Ok([stored * (scene.triangle_count() as f64 / shared.max(1) as f64).max(1.0), stored])
@@ -113,7 +167,7 @@ fn triangles_in(scene: &Scene, bytes: f64, geometry: f64) -> usize {
 mod tests {
     use super::*;
     use photofit_geometry::Mesh;
-    use photofit_scene::{Instance, Primitive, TextureImage};
+    use photofit_scene::{Instance, Primitive};
 
     fn scene(triangles: usize, images: usize) -> Scene {
         let mesh = Mesh { triangles: vec![[0; 3]; triangles], ..Mesh::default() };

@@ -95,6 +95,11 @@ impl Asset {
         }
     }
 
+    /// Whether a material of something visible has a texture.
+    pub(super) fn is_textured(&self) -> bool {
+        !self.slots.is_empty()
+    }
+
     /// What the asset alone says of what a fit of so many steps does with a surface.
     pub(super) fn surface_items(&self, steps: Option<u64>, items: &mut Vec<Item>) {
         let mut item = |what, runs, why: String| items.push(Item { what, runs, why });
@@ -184,7 +189,7 @@ impl Asset {
             false,
             match self.animations {
                 0 => "none".into(),
-                n => format!("{n} of the asset: it is fitted as it stands"),
+                n => format!("{n} of the asset, left out: the light asset stands as the asset does"),
             },
         );
         item("vertex colours", self.vertex_colors, why.into());
@@ -285,6 +290,11 @@ impl Asset {
         };
         item("occlusion textures", runs, why);
     }
+}
+
+/// Whether a material of something visible has a texture.
+pub(in crate::simplify) fn is_textured(scene: &Scene) -> bool {
+    visible_materials(scene).into_iter().any(|m| !slots(&scene.materials[m]).is_empty())
 }
 
 /// Extensions of a material, without their prefix.

@@ -155,7 +155,8 @@ fn place_meshes<'a>(
                     let of = &known.attributes[part];
                     budget.vertices((of.len() * mesh.positions.len()) as u64, place)?;
                     let attributes = corner_values(of, &bind.mesh, &mesh);
-                    add(scene, Primitive { mesh, material: known.materials[part] }, attributes)
+                    let computed = bind.mesh.normals.is_empty();
+                    add(scene, Primitive { mesh, material: known.materials[part] }, computed, attributes)
                 }
             };
             if known.shared[part].is_none() && !own_pose {
@@ -232,7 +233,8 @@ fn read_mesh<'a>(
             continue;
         }
         known.attributes.push(Attributes::new());
-        let (mesh, attributes) = if bind.mesh.normals.is_empty() {
+        let computed = bind.mesh.normals.is_empty();
+        let (mesh, attributes) = if computed {
             budget.vertices(bind.posed_vertices() as u64, place)?;
             let mesh = normals::flat(&bind.mesh);
             let attributes = corner_values(&attributes, &bind.mesh, &mesh);
@@ -241,15 +243,16 @@ fn read_mesh<'a>(
             (bind.mesh, attributes)
         };
         primitives.push(NodePrimitive { primitive: scene.primitives.len(), bind: None, extras });
-        add(scene, Primitive { mesh, material }, attributes);
+        add(scene, Primitive { mesh, material }, computed, attributes);
     }
     let extras = document.extras(&json.extras, || format!("mesh {m}"))?;
     Ok((NodeMesh { name: json.name.clone().unwrap_or_default(), extras, weights, primitives }, known))
 }
 
-/// Adds a primitive with the attributes of its vertices; its index.
-fn add(scene: &mut Scene, primitive: Primitive, attributes: Attributes) -> usize {
+/// Adds a primitive, whose normals may be computed, with the attributes of its vertices; its index.
+fn add(scene: &mut Scene, primitive: Primitive, computed: bool, attributes: Attributes) -> usize {
     let index = scene.primitives.len();
+    scene.computed_normals.extend(computed.then_some(index));
     let of = |(name, values)| VertexAttribute { name, primitive: index, values };
     scene.vertex_attributes.extend(attributes.into_iter().map(of));
     scene.primitives.push(primitive);

@@ -33,6 +33,7 @@ pub(crate) fn parse(bytes: &[u8], folder: &Folder, limits: &Limits) -> Result<Sc
         let (split, computed) = normals::creased(&mesh.positions, &mesh.triangles);
         mesh = split.apply(&mesh);
         mesh.normals = computed;
+        scene.computed_normals.extend((!mesh.positions.is_empty()).then_some(0));
     } else {
         scene.warnings.extend(normals::turned(normals::turn_opposed(&mut mesh)));
         if mesh.normals.contains(&Vec3f::zero()) {
