@@ -39,17 +39,7 @@ fn alpha(m: &Material) -> String {
 
 /// The slots of a material that have a texture, with the index of its image.
 fn textures(m: &Material) -> Vec<(&'static str, usize)> {
-    [
-        ("base colour", &m.base_color_texture),
-        ("roughness and metalness", &m.metallic_roughness_texture),
-        ("normal", &m.normal_texture),
-        ("occlusion", &m.occlusion_texture),
-        ("emission", &m.emissive_texture),
-    ]
-    .into_iter()
-    .filter_map(|(name, slot)| slot.map(|s| (name, s.image)))
-    .chain(m.extensions.iter().flat_map(|e| e.textures().map(|(name, slot)| (name, slot.image))))
-    .collect()
+    m.textures().map(|(name, slot)| (name, slot.image)).collect()
 }
 
 /// Names of the extensions that a material uses; the plan says what a fit does with them.

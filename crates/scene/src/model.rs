@@ -383,15 +383,20 @@ impl Scene {
 impl Material {
     /// The texture slots in use, those of extensions after those of the core.
     pub fn texture_slots(&self) -> impl Iterator<Item = &TextureSlot> {
+        self.textures().map(|(_, slot)| slot)
+    }
+
+    /// The same with what each is for, in words.
+    pub fn textures(&self) -> impl Iterator<Item = (&'static str, &TextureSlot)> {
         let core = [
-            &self.base_color_texture,
-            &self.metallic_roughness_texture,
-            &self.normal_texture,
-            &self.occlusion_texture,
-            &self.emissive_texture,
+            ("base colour", &self.base_color_texture),
+            ("roughness and metalness", &self.metallic_roughness_texture),
+            ("normal", &self.normal_texture),
+            ("occlusion", &self.occlusion_texture),
+            ("emission", &self.emissive_texture),
         ];
-        let more = self.extensions.iter().flat_map(|e| e.textures().map(|(_, slot)| slot));
-        core.into_iter().flatten().chain(more)
+        let core = core.into_iter().filter_map(|(name, slot)| slot.as_ref().map(|slot| (name, slot)));
+        core.chain(self.extensions.iter().flat_map(|e| e.textures()))
     }
 
     /// Images that it reads data from: what is not decoded from sRGB.

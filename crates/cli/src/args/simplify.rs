@@ -133,8 +133,8 @@ pub(crate) struct Simplify {
     /// Most bytes of the file, of each level of --lod: textures are halved and stored with loss as far as is needed, in the way
     /// that looks best in held-out views; as JPEG, or also as WebP with --textures webp, or as KTX 2.0 with --textures ktx2. Unless
     /// --new-maps is given, the asset's own textures on fewer triangles are made to fit, too, and written where they look better. Without
-    /// another budget the asset keeps as many triangles as fit into half of the bytes, and its own textures are also tried with those of a
-    /// quarter, of three quarters and of nine tenths, or, where there are none, of all of them. Where the lightest file is larger, it is written to OUT.too-large.glb and OUT.glb stays as it
+    /// another budget as many triangles stay as look best of those that take a quarter, a half, three quarters and nine tenths of the bytes,
+    /// or, where nothing has textures, as take all of them. Where the lightest file is larger, it is written to OUT.too-large.glb and OUT.glb stays as it
     /// was: status 1 [range: at least 1] [default: no limit].
     #[arg(long, value_name = "N", conflicts_with_all = ["jpeg", "texture_quality"], value_parser = whole::<u64>(1..))]
     pub(crate) max_bytes: Option<u64>,

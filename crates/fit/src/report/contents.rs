@@ -129,13 +129,7 @@ fn describe(m: &Material) -> String {
         AlphaMode::Mask { cutoff } => format!("cut out at alpha {cutoff}"),
         AlphaMode::Blend => "blended".to_owned(),
     };
-    let maps = [
-        ("base colour", m.base_color_texture.is_some()),
-        ("roughness and metalness", m.metallic_roughness_texture.is_some()),
-        ("normal", m.normal_texture.is_some()),
-        ("emission", m.emissive_texture.is_some()),
-    ];
-    let maps: Vec<&str> = maps.iter().filter(|m| m.1).map(|m| m.0).collect();
+    let maps: Vec<&str> = m.textures().map(|(name, _)| name).collect();
     let mut words = vec![alpha];
     words.extend(m.double_sided.then(|| "double-sided".to_owned()));
     words.extend(m.unlit.then(|| "unlit".to_owned()));

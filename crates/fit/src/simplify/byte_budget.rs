@@ -13,7 +13,7 @@ mod maps;
 mod tests;
 mod triangles;
 
-pub(super) use maps::with_triangles_of_maps;
+pub(super) use maps::planned;
 pub(super) use triangles::{bytes_without_textures, others, triangles_within};
 
 use super::{Asset, SimplifyOptions};
@@ -331,7 +331,13 @@ pub(super) fn told(scene: &Scene) -> String {
     let mut groups: Vec<(String, Vec<String>)> = Vec::new();
     for (k, image) in scene.images.iter().enumerate() {
         let how = one(image);
-        let name = if image.name.is_empty() { format!("image {k}") } else { image.name.clone() };
+        // What reads it says more than the number of one without a name.
+        let mut readers = scene.materials.iter().flat_map(|m| m.textures());
+        let reader = readers.find(|(_, slot)| slot.image == k).map(|(what, _)| what.to_owned());
+        let name = match &image.name[..] {
+            "" => reader.unwrap_or_else(|| format!("image {k}")),
+            name => name.to_owned(),
+        };
         match groups.iter_mut().find(|g| g.0 == how) {
             Some(group) => group.1.push(name),
             None => groups.push((how, vec![name])),

@@ -194,6 +194,7 @@ impl SimplifyOptions {
             .with_occlusion(self.occlusion)
             .with_traced_maps(TracedMaps::planned(self).row())
             .with_bytes(self.max_bytes.map(|most| (most, None)))
+            .with_counted(byte_budget::planned(self, scene))
             .with_mips(self.mip_sizes());
         if self.appearance == Appearance::Kept { plan } else { plan.with_outline(by_outline::planned(self)) }
     }

@@ -67,6 +67,8 @@ pub struct FitPlan {
     decimation: Option<Item>,
     /// Bytes that the file may have, and those that it has.
     bytes: Option<(u64, Option<u64>)>,
+    /// How many triangles follow from bytes, where they do.
+    counted: Option<Item>,
     /// What came of it.
     result: Option<Ended>,
 }
@@ -106,6 +108,7 @@ impl FitPlan {
             triangles: None,
             decimation: None,
             bytes: None,
+            counted: None,
             result: None,
         }
     }
@@ -224,6 +227,12 @@ impl FitPlan {
         Self { decimation, ..self }
     }
 
+    /// Adds how many triangles follow from bytes; nothing is told without.
+    #[must_use]
+    pub(crate) fn with_counted(self, counted: Option<Item>) -> Self {
+        Self { counted, ..self }
+    }
+
     /// Adds the bytes that the file may have and, once it is written, those that it has; nothing is told without.
     #[must_use]
     pub(crate) fn with_bytes(self, bytes: Option<(u64, Option<u64>)>) -> Self {
@@ -284,6 +293,7 @@ impl FitPlan {
         items.extend(self.result.map(|r| written(r, self.appearance, self.triangles)));
         items.extend(self.decimation.clone());
         items.extend(self.bytes.map(rows::bytes));
+        items.extend(self.counted.clone());
         if self.appearance != Some(Appearance::Kept) {
             let steps = self.choices.as_ref().zip(self.result).filter(|(c, _)| c.steps > 0);
             items.extend(steps.map(|(c, r)| rows::steps(r.steps, c.steps, r.behind)));

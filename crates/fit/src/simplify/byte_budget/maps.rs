@@ -1,39 +1,131 @@
-//! The triangles of a fit with maps of its own within a budget of bytes: its geometry is another than that of the asset, with an atlas
-//! that splits vertices, so that starts of it are made and measured.
+//! The triangles of a fit with maps of its own within a budget of bytes.
+//!
+//! Its geometry is another than that of the asset, with an atlas that splits vertices, so that starts of it are made and measured as they
+//! would be written. How much of the file it should take depends on the asset: starts with several parts of it meet, each made to fit.
 
-use super::{bytes_without_textures, coarsest, triangles::triangles_of_maps};
+use super::triangles::{GEOMETRY, OTHER_PARTS, nearest};
+use super::{Budget, Made, Shapes, bytes_without_textures, coarsest};
+use crate::FitError;
+use crate::engine::plan::{Item, Runs};
 use crate::simplify::prepare::{Weights, importance, prepare};
-use crate::simplify::{Appearance, Asset, Effort, SimplifyOptions, dressed};
-use crate::{FitError, Progress};
+use crate::simplify::{Appearance, Asset, Effort, MIN_TRIANGLES, SimplifyOptions, dressed};
 use photofit_geometry::decimate::Target;
+use photofit_scene::Scene;
 
-/// The options with as many triangles as the bytes of the file leave to what is fitted, where they say how many there are.
-///
-/// # Errors
-/// If a start cannot be made or written.
-pub(in crate::simplify) fn with_triangles_of_maps(
-    asset: Asset<'_>,
-    options: &SimplifyOptions,
-    progress: &dyn Progress,
-) -> Result<SimplifyOptions, FitError> {
-    let Asset { scene, n, rays, visibility, .. } = asset;
-    let Target::Triangles(first) = options.target else { return Ok(options.clone()) };
-    let Some(most) =
-        options.max_bytes.filter(|_| options.triangles_by_bytes && !options.lacks_nothing(scene))
-    else {
-        return Ok(options.clone());
+/// Part of its bytes that geometry may leave unused: starts take long, and which part is best is no sharp choice.
+const UNUSED: f64 = 0.15;
+
+/// A start, as it would be written with all of its texels.
+#[derive(Clone)]
+struct Started {
+    /// Triangles that were asked for.
+    triangles: usize,
+    light: Scene,
+    /// Triangles that there are, and bytes without textures.
+    size: [f64; 2],
+}
+
+/// The row of the plan.
+const ROW: &str = "triangles by bytes";
+
+/// The row of the plan before the work, where triangles follow from bytes.
+pub(in crate::simplify) fn planned(options: &SimplifyOptions, scene: &Scene) -> Option<Item> {
+    let (runs, why) = match options.appearance {
+        _ if !options.triangles_by_bytes => return None,
+        _ if options.target == Target::Triangles(scene.triangle_count()) && options.lacks_nothing(scene) => {
+            (Runs::No, "all fit")
+        }
+        Appearance::Maps => (Runs::Open, "in starts whose geometry takes several parts of the bytes"),
+        Appearance::VertexColors => (Runs::Open, "by what starts take of the bytes"),
+        Appearance::Kept => (Runs::Yes, "decimations that take several parts of the bytes are compared"),
     };
-    let seen = importance(n, visibility);
-    let with = |triangles| SimplifyOptions { target: Target::Triangles(triangles), ..options.clone() };
-    let started = |triangles| {
+    Some(Item { what: ROW, runs, why: why.into() })
+}
+
+impl Budget<'_> {
+    /// The options with as many triangles as look best within the bytes in starts of what is to be fitted, and the row of the plan, where
+    /// triangles follow from bytes and do not all fit.
+    ///
+    /// # Errors
+    /// If a start cannot be made or written, or a picture not be made.
+    pub(in crate::simplify) fn with_triangles_of_maps(
+        &self,
+    ) -> Result<Option<(SimplifyOptions, Item)>, FitError> {
+        let Self { most, asset: Asset { scene, .. }, options, progress, .. } = *self;
+        let Target::Triangles(first) = options.target else { return Ok(None) };
+        if !options.triangles_by_bytes || options.lacks_nothing(scene) {
+            return Ok(None);
+        }
+        let all = scene.triangle_count();
+        let with = |triangles, why: String| {
+            let options = SimplifyOptions { target: Target::Triangles(triangles), ..options.clone() };
+            let why = format!("{triangles} of {all} are asked for: {why}");
+            Some((options, Item { what: ROW, runs: Runs::Yes, why }))
+        };
+        let parts = if options.appearance == Appearance::Maps { &PARTS } else { &[1.0][..] };
+        let mut known = vec![self.started(first)?];
+        let mut found: Vec<Started> = Vec::new();
+        for part in parts {
+            let room = part * most as f64;
+            // Of those that were made the one that comes nearest.
+            let off = |s: &Started| (s.size[1] / room).ln().abs();
+            known.sort_by(|a, b| off(a).total_cmp(&off(b)));
+            let near = known[0].clone();
+            let other = known.iter().map(|s| s.size).find(|size| size[0] != near.size[0]);
+            let fits =
+                near.size[1] <= room && (near.size[1] >= (1.0 - UNUSED) * room || near.triangles == all);
+            let best = match fits {
+                true => Some(near),
+                false => {
+                    let made = |triangles| self.started(triangles).map(|s| (s.clone(), s.size));
+                    let sizes = [other.unwrap_or_default(), near.size];
+                    nearest(sizes, (room, UNUSED), all, &made, &|| progress.is_cancelled())?
+                }
+            };
+            known.extend(best.clone());
+            found.extend(best.filter(|b| found.iter().all(|f| f.triangles != b.triangles)));
+        }
+        if found.len() < 2 || progress.is_cancelled() {
+            return Ok(match found.first() {
+                Some(only) => {
+                    let percent = 100.0 * only.size[1] / most as f64;
+                    with(
+                        only.triangles,
+                        format!("the geometry of their start takes {percent:.0}% of the bytes"),
+                    )
+                }
+                None => with(MIN_TRIANGLES.min(all), "more geometry does not fit".into()),
+            });
+        }
+        let mut made: Vec<Made> = Vec::new();
+        for start in &found {
+            made.extend(self.within(&Shapes::new(start.light.clone()))?);
+        }
+        let best = &found[self.best(&made)?];
+        let percent = 100.0 * best.size[1] / most as f64;
+        let of = found.len();
+        let why = format!(
+            "the start whose geometry takes {percent:.0}% of the bytes looks best of {of}, each made to fit"
+        );
+        Ok(with(best.triangles, why))
+    }
+
+    /// A start of at most so many triangles.
+    fn started(&self, triangles: usize) -> Result<Started, FitError> {
+        let Self { asset, options, progress, .. } = *self;
+        let Asset { n, rays, visibility, .. } = asset;
+        let seen = importance(n, visibility);
         let weights = (visibility, Weights { decimated: &seen, drawn: &[] });
         // A single one is measured.
-        let options = SimplifyOptions { effort: Effort::Fast, ..with(triangles) };
+        let target = Target::Triangles(triangles);
+        let options = SimplifyOptions { effort: Effort::Fast, target, ..options.clone() };
         let start = prepare(n, rays, weights, None, &options, progress)?;
-        let light = dressed(options.exported(&start[0].candidate, n), asset, &options);
-        Ok((light.triangle_count(), bytes_without_textures(&light, coarsest(options.compression))?))
-    };
-    let textured = options.appearance == Appearance::Maps;
-    let stop = || progress.is_cancelled();
-    triangles_of_maps((first, scene.triangle_count()), (most, textured), &started, &stop).map(with)
+        let light = options.exported(&start[0].candidate, n);
+        let dressed = dressed(light.clone(), asset, &options);
+        let bytes = bytes_without_textures(&dressed, coarsest(options.compression))?;
+        Ok(Started { triangles, size: [light.triangle_count() as f64, bytes as f64], light })
+    }
 }
+
+/// Parts of the file that geometry is tried with: first the convention.
+const PARTS: [f64; 4] = [GEOMETRY, OTHER_PARTS[0], OTHER_PARTS[1], OTHER_PARTS[2]];

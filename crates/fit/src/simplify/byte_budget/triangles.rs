@@ -7,13 +7,11 @@ use photofit_scene::{Compression, Scene, TextureImage, to_glb_with};
 
 /// Part of a file's bytes that geometry may take where the budget of triangles follows from bytes: a convention, which no
 /// measurement chose.
-const GEOMETRY: f64 = 0.5;
-/// Other parts that the asset's own textures are tried with, which cost no fit.
-const OTHER_PARTS: [f64; 3] = [0.25, 0.75, 0.9];
-/// Share of its bytes that a decimation may leave unused; the same of a fit with new maps, whose share of the file is a convention and
-/// whose starts take long; and decimations that come nearer to them at most.
+pub(super) const GEOMETRY: f64 = 0.5;
+/// Other parts that the asset's own textures, and starts of a fit, are tried with.
+pub(super) const OTHER_PARTS: [f64; 3] = [0.25, 0.75, 0.9];
+/// Share of its bytes that a decimation may leave unused, and decimations that come nearer to them at most.
 const UNUSED: f64 = 0.02;
-const UNUSED_BY_MAPS: f64 = 0.1;
 const CORRECTIONS: usize = 4;
 
 /// The triangles of an asset that a file of `most` bytes holds: all where the asset as it is fits, and otherwise as many as
@@ -58,7 +56,7 @@ pub(in crate::simplify) fn others(
             let size = [made.triangle_count() as f64, bytes as f64];
             Ok((made, size))
         };
-        let best = nearest(start, (part * most as f64, UNUSED), all, &sized, stop)?;
+        let best = nearest([[0.0; 2], start], (part * most as f64, UNUSED), all, &sized, stop)?;
         if let Some(best) = best.filter(|b| !known.contains(&b.triangle_count())) {
             known.push(best.triangle_count());
             add(best);
@@ -68,20 +66,20 @@ pub(in crate::simplify) fn others(
 }
 
 /// What `made` makes with most triangles, of at most `all`, in `room` bytes, of which a share may stay unused; `None` where nothing
-/// that was tried fits. What is made comes with its triangles and bytes, as they are known of a `start`. Work that is to `stop` makes
+/// that was tried fits. What is made comes with its triangles and bytes, as they are `known` of two others. Work that is to `stop` makes
 /// no more.
 ///
 /// # Errors
 /// As `made`.
-fn nearest<T>(
-    start: [f64; 2],
+pub(super) fn nearest<T>(
+    [mut before, mut last]: [[f64; 2]; 2],
     (room, unused): (f64, f64),
     all: usize,
     made: &dyn Fn(usize) -> Result<(T, [f64; 2]), FitError>,
     stop: &dyn Fn() -> bool,
 ) -> Result<Option<T>, FitError> {
-    // Bytes are a line of triangles: at first through none, then through the last two that were made.
-    let (mut before, mut last, mut best) = ([0.0; 2], start, None::<(T, f64)>);
+    // Bytes are a line of triangles, through the last two that were made.
+    let mut best = None::<(T, f64)>;
     for _ in 0..CORRECTIONS {
         let slope = (last[0] - before[0]) / (last[1] - before[1]);
         let aimed = last[0] + slope * ((1.0 - unused / 2.0) * room - last[1]);
@@ -100,33 +98,6 @@ fn nearest<T>(
         }
     }
     Ok(best.map(|b| b.0))
-}
-
-/// The triangles of a fit with maps of its own that are to be counted by bytes: as many as take [`GEOMETRY`] of `most`, or all of it where
-/// nothing has textures. `started` makes a start of at most so many, which is what will be fitted, as it would be written; `first` are
-/// those that the asset's own geometry suggests, of `all`.
-///
-/// # Errors
-/// As `started`.
-pub(in crate::simplify) fn triangles_of_maps(
-    (first, all): (usize, usize),
-    (most, textured): (u64, bool),
-    started: &dyn Fn(usize) -> Result<(usize, u64), FitError>,
-    stop: &dyn Fn() -> bool,
-) -> Result<usize, FitError> {
-    let room = if textured { GEOMETRY * most as f64 } else { most as f64 };
-    let sized = |triangles: usize| {
-        let (made, bytes) = started(triangles)?;
-        Ok((triangles, [made as f64, bytes as f64]))
-    };
-    let (_, size) = sized(first)?;
-    let fits = size[1] <= room;
-    if fits && (size[1] >= (1.0 - UNUSED_BY_MAPS) * room || first == all) {
-        return Ok(first);
-    }
-    let found = nearest(size, (room, UNUSED_BY_MAPS), all, &sized, stop)?;
-    let least = if fits { first } else { MIN_TRIANGLES.min(all) };
-    Ok(found.map_or(least, |found| if fits { found.max(first) } else { found }))
 }
 
 /// Bytes of the file of a scene without its textures.
