@@ -246,26 +246,6 @@ fn options_that_do_not_go_together_show_the_usage_of_their_command() {
             "photofit compare ",
         ),
         (
-            &["denoise", "a.exr", "-o", "b.exr", "--without", "edges,detail", "--without", "edges"],
-            "--without names edges twice",
-            "photofit denoise ",
-        ),
-        (
-            &["denoise", "a.exr", "-o", "b.exr", "--without", "coherence"],
-            "--without coherence: --model auto has no such stage; it has albedo, normal, position, variance, noiseless",
-            "photofit denoise ",
-        ),
-        (
-            &["denoise", "a.exr", "-o", "b.exr", "--model", "hybrid", "--without", "albedo,detail"],
-            "--without detail: --model hybrid has no such stage",
-            "photofit denoise ",
-        ),
-        (
-            &["denoise", "a.exr", "-o", "b.exr", "--keep-darkening"],
-            "--keep-darkening needs --model rof",
-            "photofit denoise ",
-        ),
-        (
             &["recover", "mesh", "pictures", "-o", "b.glb", "--views", "9"],
             "'[PICTURES]' cannot be used with '--views",
             "photofit recover mesh ",
@@ -309,6 +289,27 @@ fn options_that_do_not_go_together_show_the_usage_of_their_command() {
         let o = photofit(dir.path(), line);
         assert_eq!(o.status.code(), Some(2), "{line:?}");
         assert!(stderr(&o).contains(rule) && stderr(&o).contains(usage), "{}", stderr(&o));
+    }
+}
+
+#[test]
+fn options_of_denoise_belong_to_the_model() {
+    let dir = tempfile::tempdir().unwrap();
+    for (more, rule) in [
+        (&["--without", "edges,detail", "--without", "edges"][..], "--without names edges twice"),
+        (
+            &["--without", "coherence"],
+            "--without coherence: --model auto has no such stage; it has albedo, normal, position, variance, noiseless",
+        ),
+        (
+            &["--model", "hybrid", "--without", "albedo,detail"],
+            "--without detail: --model hybrid has no such stage",
+        ),
+        (&["--keep-darkening"], "--keep-darkening needs --model rof"),
+    ] {
+        let o = photofit(dir.path(), &[&["denoise", "a.exr", "-o", "b.exr"], more].concat());
+        assert_eq!(o.status.code(), Some(2), "{more:?}");
+        assert!(stderr(&o).contains(rule) && stderr(&o).contains("photofit denoise "), "{}", stderr(&o));
     }
 }
 

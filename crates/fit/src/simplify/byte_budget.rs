@@ -13,7 +13,7 @@ mod maps;
 mod tests;
 mod triangles;
 
-pub(super) use maps::planned;
+pub(super) use maps::{counted, planned};
 pub(super) use triangles::{bytes_without_textures, others, triangles_within};
 
 use super::{Asset, SimplifyOptions};

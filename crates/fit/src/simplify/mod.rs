@@ -182,14 +182,7 @@ pub(crate) fn simplify_asset(
     through_path::begin(options, progress);
     let (device, renderer) = (options.device_of_fit(progress), options.rasterized_against());
     let judged = &*renderer.reference(scene, n, options)?;
-    let counted = match options.max_bytes.filter(|_| from.is_none()) {
-        Some(most) => {
-            let budget = byte_budget::Budget { most, asset, reference: judged, options, progress };
-            budget.with_triangles_of_maps()?
-        }
-        None => None,
-    };
-    let options = counted.as_ref().map_or(options, |c| &c.0);
+    let (options, counted) = &byte_budget::counted(asset, judged, options, progress)?;
     let drawn = renderer.drawn_on(&device, n, options);
     let reference = drawn.as_deref().unwrap_or(judged);
 
@@ -202,10 +195,7 @@ pub(crate) fn simplify_asset(
     let (all, start) = (&starts.all, &starts.all[starts.best]);
     let loss = loss::choose(&held_out);
     let plan = options.plan(given, reference.kind()).with_backs(backs.seen, backs.share);
-    let plan = match &counted {
-        Some((_, row)) => plan.with_counted(Some(row.clone())),
-        None => plan,
-    };
+    let plan = plan.with_counted(counted.clone());
     let plan = plan.with_unseen(start.unseen.map(|dropped| prepare::unseen(rays, visibility, dropped)));
     let surface = SurfacePlan::new(&start.candidate, options.asked(reference.kind()));
     let plan = plan.with_loss(loss, held_out.noise).with_maps(surface.clone()).with_outline(starts.row);

@@ -5,10 +5,11 @@
 
 use super::triangles::{GEOMETRY, OTHER_PARTS, nearest};
 use super::{Budget, Made, Shapes, bytes_without_textures, coarsest};
-use crate::FitError;
 use crate::engine::plan::{Item, Runs};
+use crate::engine::reference::Reference;
 use crate::simplify::prepare::{Weights, importance, prepare};
 use crate::simplify::{Appearance, Asset, Effort, MIN_TRIANGLES, SimplifyOptions, dressed};
+use crate::{FitError, Progress};
 use photofit_geometry::decimate::Target;
 use photofit_scene::Scene;
 
@@ -42,26 +43,42 @@ pub(in crate::simplify) fn planned(options: &SimplifyOptions, scene: &Scene) -> 
     Some(Item { what: ROW, runs, why: why.into() })
 }
 
-impl Budget<'_> {
-    /// The options with as many triangles as look best within the bytes in starts of what is to be fitted, and the row of the plan, where
-    /// triangles follow from bytes and do not all fit.
-    ///
-    /// # Errors
-    /// If a start cannot be made or written, or a picture not be made.
-    pub(in crate::simplify) fn with_triangles_of_maps(
-        &self,
-    ) -> Result<Option<(SimplifyOptions, Item)>, FitError> {
-        let Self { most, asset: Asset { scene, .. }, options, progress, .. } = *self;
-        let Target::Triangles(first) = options.target else { return Ok(None) };
-        if !options.triangles_by_bytes || options.lacks_nothing(scene) {
-            return Ok(None);
+/// The options with as many triangles as look best within the bytes in starts of what is to be fitted, where triangles follow from bytes
+/// and do not all fit; and the row of the plan.
+///
+/// # Errors
+/// If a start cannot be made or written, or a picture not be made.
+pub(in crate::simplify) fn counted(
+    asset: Asset<'_>,
+    reference: &dyn Reference,
+    options: &SimplifyOptions,
+    progress: &dyn Progress,
+) -> Result<(SimplifyOptions, Option<Item>), FitError> {
+    let found = match (options.max_bytes, options.target) {
+        (Some(most), Target::Triangles(first))
+            if options.triangles_by_bytes && !options.lacks_nothing(asset.scene) =>
+        {
+            Some(Budget { most, asset, reference, options, progress }.triangles_of_maps(first)?)
         }
-        let all = scene.triangle_count();
-        let with = |triangles, why: String| {
+        _ => None,
+    };
+    Ok(match found {
+        None => (options.clone(), planned(options, asset.scene)),
+        Some((triangles, why)) => {
+            let of = asset.scene.triangle_count();
+            let why = format!("{triangles} of {of} are asked for: {why}");
             let options = SimplifyOptions { target: Target::Triangles(triangles), ..options.clone() };
-            let why = format!("{triangles} of {all} are asked for: {why}");
-            Some((options, Item { what: ROW, runs: Runs::Yes, why }))
-        };
+            (options, Some(Item { what: ROW, runs: Runs::Yes, why }))
+        }
+    })
+}
+
+impl Budget<'_> {
+    /// The triangles of the start that looks best within the bytes, and why those; `first` are tried first.
+    fn triangles_of_maps(&self, first: usize) -> Result<(usize, String), FitError> {
+        let Self { most, asset, options, progress, .. } = *self;
+        let all = asset.scene.triangle_count();
+        let percent = |s: &Started| format!("{:.0}% of the bytes", 100.0 * s.size[1] / most as f64);
         let parts = if options.appearance == Appearance::Maps { &PARTS } else { &[1.0][..] };
         let mut known = vec![self.started(first)?];
         let mut found: Vec<Started> = Vec::new();
@@ -88,26 +105,21 @@ impl Budget<'_> {
         if found.len() < 2 || progress.is_cancelled() {
             return Ok(match found.first() {
                 Some(only) => {
-                    let percent = 100.0 * only.size[1] / most as f64;
-                    with(
-                        only.triangles,
-                        format!("the geometry of their start takes {percent:.0}% of the bytes"),
-                    )
+                    (only.triangles, format!("the geometry of their start takes {}", percent(only)))
                 }
-                None => with(MIN_TRIANGLES.min(all), "more geometry does not fit".into()),
+                None => (MIN_TRIANGLES.min(all), "no start of more has a geometry that fits".into()),
             });
         }
         let mut made: Vec<Made> = Vec::new();
         for start in &found {
             made.extend(self.within(&Shapes::new(start.light.clone()))?);
         }
-        let best = &found[self.best(&made)?];
-        let percent = 100.0 * best.size[1] / most as f64;
-        let of = found.len();
-        let why = format!(
-            "the start whose geometry takes {percent:.0}% of the bytes looks best of {of}, each made to fit"
-        );
-        Ok(with(best.triangles, why))
+        let (best, of) = (&found[self.best(&made)?], found.len());
+        let share = percent(best);
+        Ok((
+            best.triangles,
+            format!("their start, whose geometry takes {share}, looks best of {of}, each made to fit"),
+        ))
     }
 
     /// A start of at most so many triangles.
