@@ -373,8 +373,11 @@ mod tests {
             let below = |c: &&clap::Command| missing(readme, &format!("{path} {}", c.get_name()), c);
             return subcommands.iter().flat_map(below).collect();
         }
-        let start = format!("| `{path}");
-        let Some(row) = readme.lines().find(|l| l.starts_with(&start)) else { return vec![path.to_owned()] };
+        let of = |path: &str| readme.lines().find(|l| l.starts_with(&format!("| `{path}")));
+        let Some(row) = of(path) else { return vec![path.to_owned()] };
+        // A row may name another one.
+        let gradient = of("photofit gradient").filter(|_| row.contains("those of `gradient`"));
+        let row = [row, gradient.unwrap_or_default()].concat();
         let options = command.get_arguments().filter(|a| !a.is_hide_set()).filter_map(Arg::get_long);
         let stands = |option: &str| {
             let option = format!("--{option}");

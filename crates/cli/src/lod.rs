@@ -138,7 +138,11 @@ fn tell(
             report: report.as_deref(),
             explain: a.explain,
         };
-        let (mut figures, failed) = job.tell(scene, Some(level.size), &level.outcome, warnings)?;
+        // Those of the other levels begin with their names.
+        let own = format!("level {} of ", k + 1);
+        let warnings: Vec<String> =
+            warnings.iter().filter(|w| !w.starts_with("level ") || w.starts_with(&own)).cloned().collect();
+        let (mut figures, failed) = job.tell(scene, Some(level.size), &level.outcome, &warnings)?;
         unwritten = unwritten.or(failed);
         figures["size"] = json!(level.size);
         figures["switch_size"] = json!(level.switch_size);

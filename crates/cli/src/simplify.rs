@@ -34,12 +34,18 @@ pub(crate) const CHECKPOINT_FILE: &str = "fit.ckpt";
 /// The benchmark that measures what the plan skips.
 pub(crate) const SUITE: &str = "raster";
 /// The steps of the job, each with the stages that it reports.
-const STEPS: &[&[&str]] =
-    &[&["visibility"], &["decimate"], &["wrap"], &["atlas", "bake"], &["fit"], &["choose", "report"]];
+const STEPS: &[&[&str]] = &[
+    &["visibility"],
+    &["triangles", "decimate"],
+    &["wrap"],
+    &["atlas", "bake"],
+    &["fit"],
+    &["choose", "report"],
+];
 /// The same with maps that are fitted through the path tracer.
 const STEPS_WITH_MAPS: &[&[&str]] = &[
     &["visibility"],
-    &["decimate"],
+    &["triangles", "decimate"],
     &["wrap"],
     &["atlas", "bake"],
     &["fit"],
@@ -313,11 +319,11 @@ impl Job<'_> {
         warnings: &[String],
     ) -> Result<(Value, Option<Error>)> {
         if outcome.fit_stopped {
-            let alone = if outcome.was_chosen() { "" } else { ", and nothing else was compared with it" };
+            let alone = if outcome.was_chosen() { "" } else { ", without a choice among others" };
             say(&format!("the fit was ended early; what was reached is written{alone}"));
         } else if !outcome.was_chosen() {
             say(
-                "the work was ended after the fit: what it reached is written, and nothing else was compared with it",
+                "the work was ended after the fit: what it reached is written, without a choice among others",
             );
         } else if outcome.stopped {
             let judged = output::counted(outcome.views.len(), "view");
@@ -395,7 +401,8 @@ impl Job<'_> {
         let finer = scene.images.iter().map(|i| i.width * i.height).max()
             > Some(o.candidate.maps.levels[0].texels.len());
         // More texels help where there are more to take, and the file may still grow.
-        if lighter && finer && Verdict::of(o).better.is_some_and(|s| s.name == "decimated") {
+        let grows = o.max_bytes.is_none() && o.appearance == Appearance::Maps;
+        if lighter && finer && grows && Verdict::of(o).better.is_some_and(|s| s.name == "decimated") {
             text += "the asset's own materials with all their texels score better: a larger --texture-size may help\n";
         }
         if let Some(bytes) = bytes_of(o).filter(|b| *b > scene.source_bytes && scene.source_bytes > 0) {
@@ -435,7 +442,7 @@ impl Job<'_> {
             "bytes_out": bytes_of(o),
             "max_bytes": o.max_bytes,
             "verdict": Verdict::of(o).likeness.to_string(),
-            "written": o.written.name(),
+            "written": key(o.written.name()),
             "compared": o.was_chosen(),
             "choice_cut": o.choice_cut,
             "textures": o.textures,
@@ -488,9 +495,9 @@ fn bytes_of(o: &Outcome) -> Option<u64> {
 fn lighter_by(o: &Outcome) -> Vec<&'static str> {
     let textured = o.textures != "none";
     let ways = [
-        ("--max-bytes", textured),
+        ("--max-bytes", textured && o.max_bytes.is_none()),
         ("a smaller --texture-size", textured && o.written != Written::Kept),
-        ("--jpeg", o.textures.contains("PNG")),
+        ("--jpeg", o.textures.contains("PNG") && o.max_bytes.is_none()),
         ("fewer triangles", true),
         ("--compress meshopt", !textured),
     ];

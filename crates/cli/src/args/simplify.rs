@@ -63,7 +63,7 @@ pub(crate) struct Simplify {
     /// Keep the asset's texture coordinates, materials and textures, tiling ones too, all as they are: triangles alone are fewer,
     /// in the way that looks best of several, and nothing is fitted. Textures are stored as they were read unless --textures or
     /// --jpeg says otherwise. An asset without texture coordinates is refused.
-    #[arg(long, conflicts_with_all = ["new_maps", "steps", "batch", "texture_size", "fit_with"])]
+    #[arg(long, conflicts_with_all = ["new_maps", "steps", "batch", "texture_size", "fit_with", "checkpoint", "resume"])]
     pub(crate) keep_uvs: bool,
     /// Leave vertices on open borders where they are, to the bit, in the decimation and in the fit: parts of a larger asset that
     /// are simplified apart meet without cracks. Where borders leave no room for the budget there are more triangles. The fit
@@ -133,8 +133,8 @@ pub(crate) struct Simplify {
     /// Most bytes of the file, of each level of --lod: textures are halved and stored with loss as far as is needed, in the way
     /// that looks best in held-out views; as JPEG, or also as WebP with --textures webp, or as KTX 2.0 with --textures ktx2. Unless
     /// --new-maps is given, the asset's own textures on fewer triangles are made to fit, too, and written where they look better. Without
-    /// another budget as many triangles stay as look best of those that take a quarter, a half, three quarters and nine tenths of the bytes,
-    /// or, where nothing has textures, as take all of them. Where the lightest file is larger, it is written to OUT.too-large.glb and OUT.glb stays as it
+    /// another budget a quarter, a half, three quarters and nine tenths of the bytes are tried for triangles, both of new maps and of the
+    /// asset's own surface, or, where nothing has textures, all of them. Where the lightest file is larger, it is written to OUT.too-large.glb and OUT.glb stays as it
     /// was: status 1 [range: at least 1] [default: no limit].
     #[arg(long, value_name = "N", conflicts_with_all = ["jpeg", "texture_quality"], value_parser = whole::<u64>(1..))]
     pub(crate) max_bytes: Option<u64>,

@@ -57,7 +57,10 @@ fn the_main_job_end_to_end() {
     assert_eq!(f["triangles_out"], light.triangle_count());
     assert_eq!(f["steps"], 8);
     let written = f["written"].as_str().unwrap();
-    assert!(["fitted", "rebaked", "shrink-wrapped", "baked", "decimated"].contains(&written), "{written}");
+    assert!(
+        ["fitted", "rebaked", "shrink_wrapped", "baked", "own_materials"].contains(&written),
+        "{written}"
+    );
     for key in ["seconds", "mpix_per_s"] {
         assert!(f[key].as_f64().is_some_and(|x| x > 0.0), "{key}: {}", f[key]);
     }

@@ -8,6 +8,7 @@ use super::black::{classes, regress_black};
 use super::camera::Camera;
 use super::frame::Frame;
 use super::log_domain::variational;
+use super::plan::now;
 use super::prepare::{LastFrame, Prepared};
 use super::regression::regress;
 use super::restore::restore;
@@ -29,6 +30,7 @@ pub(super) type Gpu = std::convert::Infallible;
 
 /// What the plan says of a stage that the settings leave out, and of one that the other models do not have.
 pub(super) const LEFT_OUT: &str = "left out by the settings";
+pub(super) const NO_ALBEDO: &str = "no albedo is in use";
 pub(super) const NO_SAMPLED: &str = "neither an albedo nor a normal is in use";
 pub(super) const PART_OF_AUTO: &str = "part of the automatic model";
 /// And of black pixels where there are none.
@@ -401,12 +403,23 @@ async fn filter(
     let sampled = [&prepared.features.albedo, &prepared.features.normal];
     match settings.model {
         Model::Auto if settings.without.has(Stage::Edges) => plan.skip("edges", LEFT_OUT),
-        Model::Auto if sampled.iter().any(|f| f.is_some()) => plan.stage("edges", || {
+        Model::Auto if sampled.iter().any(|f| f.is_some()) => {
+            let began = now();
             let s = correct_edges(prepared.shape, &mut estimate, &noisy, &weight, variance.as_deref());
             let list = |v: &[f32]| v.iter().map(|v| format!("{v:.2}")).collect::<Vec<_>>().join(" ");
             let (blur, own) = (list(&s.blur), list(&s.noisy));
-            ((), format!("{:.1}% of the pixels; blur {blur}, own samples {own} by strength", 100.0 * s.edges))
-        }),
+            let percent = 100.0 * s.edges;
+            match s.blur.iter().chain(&s.noisy).all(|share| *share == 0.0) {
+                true => {
+                    plan.skip("edges", format!("{percent:.1}% of the pixels: nothing gained by a correction"))
+                }
+                false => plan.timed(
+                    "edges",
+                    format!("{percent:.1}% of the pixels; blur {blur}, own samples {own} by strength"),
+                    began,
+                ),
+            }
+        }
         Model::Auto => plan.skip("edges", NO_SAMPLED),
         _ => plan.skip("edges", PART_OF_AUTO),
     }
@@ -442,6 +455,7 @@ fn regression(p: &Prepared<'_>, without: Stages, plan: &mut Plan) -> Vec<f32> {
     });
     match &split {
         None if without.has(Stage::ZeroAlbedo) => plan.skip("zero-albedo", LEFT_OUT),
+        None if p.features.albedo.is_none() => plan.skip("zero-albedo", NO_ALBEDO),
         None => plan.skip("zero-albedo", NO_BLACK),
         Some([_, own]) => plan.stage("zero-albedo", || {
             regress_black(p, &basis, own, without, &mut estimate);

@@ -6,7 +6,7 @@ use super::feature_filter::{share_of_noise, share_of_variance, smooth_features};
 use super::firefly::{OTHERS, REGRESSION, tame_fireflies};
 use super::frame::{Features, Frame};
 use super::noise::half_variance;
-use super::pipeline::{LEFT_OUT, NO_BLACK, NO_SAMPLED, PART_OF_AUTO};
+use super::pipeline::{LEFT_OUT, NO_ALBEDO, NO_BLACK, NO_SAMPLED, PART_OF_AUTO};
 use super::pooled::Pooled;
 use super::{Model, Plan, RUN, Settings, Stage, demodulate, divisor};
 use crate::{DenoiseError, Shape};
@@ -101,7 +101,7 @@ impl<'a> Prepared<'a> {
                 (d, "colour / max(albedo, 0.01)")
             })),
             None => {
-                let why = if features.albedo.is_some() { LEFT_OUT } else { "no albedo is in use" };
+                let why = if features.albedo.is_some() { LEFT_OUT } else { NO_ALBEDO };
                 plan.skip("demodulation", why);
                 None
             }
@@ -112,6 +112,7 @@ impl<'a> Prepared<'a> {
         match (settings.model, without.has(Stage::ZeroAlbedo), black.len()) {
             (Model::Auto, ..) => {}
             (_, true, _) => plan.skip("zero-albedo", LEFT_OUT),
+            (_, _, 0) if features.albedo.is_none() => plan.skip("zero-albedo", NO_ALBEDO),
             (_, _, 0) => plan.skip("zero-albedo", NO_BLACK),
             (_, _, n) => {
                 plan.run(
@@ -128,7 +129,7 @@ impl<'a> Prepared<'a> {
             for side in &mut sides {
                 side.par_iter_mut().with_min_len(RUN).for_each(|v| *v = (*v * key).max(0.0));
             }
-            (key, format!("irradiance times {key:.4e}"))
+            (key, format!("what is filtered times {key:.4e}"))
         });
         let layer = frame.variance.filter(|v| frame.half.is_none() && v.iter().any(|v| *v > 0.0));
         let layer = layer.map(|v| scaled(v, divisor.as_deref(), key));

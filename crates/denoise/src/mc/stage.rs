@@ -73,7 +73,7 @@ impl Stage {
         }
     }
 
-    /// Whether a model has it: another one is the same without.
+    /// Whether a model has this input or stage. Leaving it out of one that has not changes nothing.
     pub fn is_of(self, model: Model) -> bool {
         match self {
             Self::Bandwidth | Self::Highlights | Self::Detail | Self::Antialiasing | Self::Edges => {

@@ -29,7 +29,8 @@ pub(super) fn parts(glb: &[u8]) -> Option<Parts> {
         let view = image.get("bufferView").and_then(Value::as_u64).and_then(|v| views.get(v as usize));
         let bytes = view.map_or(0, size);
         let name = image.get("name").and_then(Value::as_str).unwrap_or("map");
-        let name = name.replace('-', " ").replace("color", "colour");
+        // Of new maps; images of the asset have names of their own.
+        let name = if name == "base-color" { "base colour".to_owned() } else { name.to_owned() };
         match out.iter_mut().find(|p| p.0 == name) {
             Some(part) => part.1 += bytes,
             None => out.push((name, bytes)),

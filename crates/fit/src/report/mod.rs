@@ -148,11 +148,11 @@ fn header(o: &Outcome, info: &ReportInfo<'_>, light: &Scene, bytes_out: u64) -> 
     let stopped = match (o.fit_stopped, o.was_chosen()) {
         (true, true) => "<p class=note>The fit was ended early; this is what it had reached.</p>\n",
         (true, false) => {
-            "<p class=note>The fit was ended early; this is the best of its course, which nothing else was compared with.</p>\n"
+            "<p class=note>The fit was ended early; this is the best of its course, written without a choice among others.</p>\n"
         }
         (false, false) => {
-            "<p class=note>The work was ended after the fit; this is the best of its course, which nothing else was compared \
-             with.</p>\n"
+            "<p class=note>The work was ended after the fit; this is the best of its course, written without a choice among \
+             others.</p>\n"
         }
         (false, true) => "",
     };

@@ -3,6 +3,7 @@
 use super::{count, counted};
 use crate::engine::judge::CLEAR_GAIN;
 use crate::simplify::{Appearance, FITTED, ORIGINAL, Outcome, Quality, StageQuality, Written};
+use crate::traced_maps::MapsCourse;
 use std::fmt;
 
 /// Mean FLIP over all views, and FLIP of the worst view, up to which two assets look the same.
@@ -35,6 +36,10 @@ pub struct Verdict {
     pub cut: bool,
     /// Bytes that the file was to have at most.
     pub max_bytes: Option<u64>,
+    /// Whether it has more: it is the lightest that was found, whatever it looks like.
+    pub too_large: bool,
+    /// Whether its maps were fitted once more through the path tracer.
+    pub traced: bool,
     /// The asset itself drawn the same way, where engines draw it: with one sample a pixel it differs from the reference
     /// too. [`Self::likeness`] is then by what FLIP of the written file exceeds that of the asset.
     pub original: Option<Quality>,
@@ -87,7 +92,8 @@ impl Verdict {
         let better = better(&all[..k], &all[k].quality);
         let (written, appearance, fitted) = (o.written, o.appearance, o.steps > 0);
         let (compared, cut, max_bytes) = (o.was_chosen(), o.choice_cut, o.max_bytes);
-        let judged = Self::new(&of(k), original.as_deref());
+        let traced = o.traced_maps.as_ref().is_some_and(MapsCourse::gained);
+        let judged = Self { too_large: o.is_too_large(), traced, ..Self::new(&of(k), original.as_deref()) };
         Self { better, written, appearance, fitted, compared, cut, max_bytes, ..judged }
     }
 
@@ -121,6 +127,8 @@ impl Verdict {
             compared,
             cut,
             max_bytes,
+            too_large: false,
+            traced: false,
             original,
         }
     }
@@ -129,56 +137,55 @@ impl Verdict {
     fn told_written(&self) -> Option<String> {
         let maps = self.appearance.in_words();
         let start = self.written.start();
-        let within = within(self.max_bytes);
         let what = match self.written {
-            Written::Fitted | Written::Kept => return None,
-            Written::Whole => {
-                return Some(
-                    "written is the asset as it was given: no other file took so few bytes".to_owned(),
-                );
-            }
+            Written::Fitted => "the fit".to_owned(),
+            Written::Kept => "the asset's own surface".to_owned(),
+            Written::Whole => "the asset as it was given".to_owned(),
             Written::Rebaked => format!("the fitted shape with {maps} baked anew"),
             Written::ShrinkWrapped | Written::Sphere | Written::Baked => format!("{start} with baked {maps}"),
-            Written::Decimated => "the asset's own materials and texture coordinates".to_owned(),
+            Written::Decimated => "the asset's own materials".to_owned(),
         };
+        let traced = if self.traced { ", its maps fitted once more through the path tracer," } else { "" };
+        if self.too_large {
+            let most = number(self.max_bytes.unwrap_or_default());
+            return Some(format!("written is {what}{traced}: nothing of at most {most} bytes was found"));
+        }
         if self.compared && self.cut {
             return Some(format!(
-                "written is {what}, the best when the work was ended: not all was compared"
+                "written is {what}{traced}: the best when the work was ended, not all was compared"
             ));
         }
         Some(match self.written {
-            Written::Rebaked => format!("written is {what}, which looked best{within}"),
-            Written::Decimated if !self.fitted => {
-                format!("no baked {maps} looked better{within} than {what}, which are what was written")
-            }
+            Written::Fitted | Written::Kept => return None,
+            Written::Whole => format!("written is {what}: no other file took so few bytes"),
+            // The path tracer came to something that none of these was.
+            _ if self.traced => format!("written is {what}{traced} which looked best"),
+            Written::Rebaked => format!("written is {what}, which looked best"),
             Written::Decimated => {
-                format!("no fit looked better{within} than {what}, which are what was written")
+                let (within, new) = (within(self.max_bytes), if self.fitted { "fit" } else { "baked maps" });
+                format!("no {new} looked better{within} than {what}, which are what was written")
             }
             _ if !self.fitted => format!("written is {what}: no steps were made"),
             _ if !self.compared => format!("written is the start, {what}: no step came to a better one"),
-            _ => format!("no fit looked better{within} than its start, {what}, which is what was written"),
+            _ => format!("no fit looked better than a start, {what}, which is what was written"),
         })
     }
 
     /// What a stage is that scores better than the file.
     fn told_better(&self, stage: &StageQuality) -> String {
         let triangles = counted(stage.triangles, "triangle");
-        let before = match self.max_bytes {
-            Some(most) => format!(", before it was to fit into {} bytes", count_bytes(most)),
-            None => String::new(),
-        };
+        let bytes = if self.max_bytes.is_some() { ", whatever its bytes" } else { "" };
         let maps = self.appearance.in_words();
         match stage.name {
-            "decimated" => {
-                format!(" ({triangles} with the asset's own materials and all their texels{before})")
+            "decimated" => format!(" (the asset's own materials with all their texels, {triangles}{bytes})"),
+            // Within bytes it was what was to be made to fit, unless something else looked better even before.
+            FITTED if self.max_bytes.is_some() && !self.written.is_baked() => {
+                format!(" (the fit, {triangles}{bytes})")
             }
-            FITTED if self.max_bytes.is_none() => {
-                format!(" (the fit, {triangles}, which looked worse in the views of the choice)")
-            }
-            FITTED => format!(" (the fit, {triangles}{before})"),
+            FITTED => format!(" (the fit, {triangles}, which looked worse in the views of the choice)"),
             name => {
                 Written::STARTS.into_iter().find(|s| s.name() == name).map_or_else(String::new, |start| {
-                    format!(" ({} with baked {maps}, {triangles}{before})", start.start())
+                    format!(" ({} with baked {maps}, {triangles}{bytes})", start.start())
                 })
             }
         }
@@ -187,10 +194,10 @@ impl Verdict {
 
 /// A budget of bytes, in words.
 fn within(most: Option<u64>) -> String {
-    most.map_or_else(String::new, |most| format!(" within {} bytes", count_bytes(most)))
+    most.map_or_else(String::new, |most| format!(" within {} bytes", number(most)))
 }
 
-fn count_bytes(n: u64) -> String {
+fn number(n: u64) -> String {
     count(usize::try_from(n).unwrap_or(usize::MAX))
 }
 
@@ -265,8 +272,8 @@ mod tests {
             let verdict = Verdict { better, written, ..Verdict::new(&[q(30.0, 0.05)], None) };
             let text = verdict.to_string();
             // One sentence of its own, the last, that says that the file holds something else.
-            let sentence = ". What the table calls decimated (1,200 triangles with the asset's own materials and all their \
-                            texels) scores better here and is not in the file: 33.0 dB, FLIP 0.030";
+            let sentence = ". What the table calls decimated (the asset's own materials with all their texels, \
+                            1,200 triangles) scores better here and is not in the file: 33.0 dB, FLIP 0.030";
             assert!(text.ends_with(sentence), "{text}");
             assert_eq!(text.matches("table calls").count(), 1, "{text}");
         }
@@ -282,30 +289,41 @@ mod tests {
             // A file that is to fit into bytes is not as what was fitted, though that is what was written.
             let most = Verdict { better, max_bytes: Some(30_000), ..Verdict::new(&[q(30.0, 0.05)], None) };
             let text = most.to_string();
-            assert_eq!(
-                text.contains("1,200 triangles, before it was to fit into 30,000 bytes)"),
-                name != "start",
-                "{text}"
-            );
+            assert_eq!(text.contains("1,200 triangles, whatever its bytes)"), name != "start", "{text}");
             assert!(!text.contains("looked worse"), "{text}");
         }
+        // A start that was chosen before bytes counted is another reason.
+        let better = Some(stage("fitted", q(33.0, 0.03)));
+        let (written, max_bytes) = (Written::Baked, Some(30_000));
+        let lost = Verdict { better, written, max_bytes, ..Verdict::new(&[q(30.0, 0.05)], None) };
+        assert!(lost.to_string().contains("which looked worse in the views of the choice)"), "{lost}");
     }
 
     #[test]
     fn a_choice_within_bytes_and_one_that_was_cut_say_so() {
-        let of = |written, cut, max_bytes| {
-            Verdict { written, cut, max_bytes, ..Verdict::new(&[Quality::default()], None) }.to_string()
-        };
-        for written in [Written::Rebaked, Written::ShrinkWrapped, Written::Baked, Written::Decimated] {
-            assert!(
-                of(written, false, Some(9000)).contains("best within 9,000 bytes")
-                    || of(written, false, Some(9000)).contains("better within 9,000 bytes"),
-                "{written:?}"
-            );
+        let plain = || Verdict::new(&[Quality::default()], None);
+        let of = |written, cut, max_bytes| Verdict { written, cut, max_bytes, ..plain() }.to_string();
+        // New maps are chosen before bytes count; own materials meet them as files.
+        assert!(
+            of(Written::Decimated, false, Some(9000))
+                .contains("no fit looked better within 9,000 bytes than")
+        );
+        for written in
+            [Written::Fitted, Written::Rebaked, Written::ShrinkWrapped, Written::Baked, Written::Kept]
+        {
+            assert!(!of(written, false, Some(9000)).contains("within"), "{written:?}");
             let cut = of(written, true, None);
             assert!(cut.contains("not all was compared") && !cut.contains("looked b"), "{cut}");
             assert!(!of(written, false, None).contains("ended"));
+            // A file that is too large was not chosen for its looks.
+            let max_bytes = Some(9000);
+            let large = Verdict { written, too_large: true, max_bytes, ..plain() }.to_string();
+            assert!(large.ends_with("nothing of at most 9,000 bytes was found"), "{large}");
+            assert!(!large.contains("looked b"), "{large}");
         }
+        // Maps of the path tracer are those of no start.
+        let traced = Verdict { written: Written::ShrinkWrapped, traced: true, ..plain() }.to_string();
+        assert!(traced.ends_with("fitted once more through the path tracer, which looked best"), "{traced}");
         // Where all triangles stay none are fewer.
         assert!(!of(Written::Decimated, false, None).contains("fewer"));
     }

@@ -36,7 +36,6 @@ pub(super) fn at_size(o: &Outcome, screen_size: Option<f64>) -> Result<String, F
             format!("{side} pixels, the size of the report's pictures; the budget is for {s:.0} pixels")
         }
         Some(_) => format!("{side} pixels, the screen size that the budget is for"),
-        None if o.steps > 0 => format!("{side} pixels, the size that the fit was made at"),
         None => format!("{side} pixels, the size of the report's pictures"),
     };
     Ok(format!("<h2>At its size</h2>\n<p class=note>{why}.</p>\n<div class=size>\n{figures}</div>\n"))

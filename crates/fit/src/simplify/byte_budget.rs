@@ -169,8 +169,8 @@ impl Budget<'_> {
             Compression::Meshopt(_) => "fewer triangles make it smaller",
         };
         let textures = if made.scene.images.is_empty() { ", without textures" } else { "" };
-        let why = format!("the smallest has {}{textures}; {ways}", made.bytes());
-        self.progress.warn(&format!("no file of {} bytes can be made: {why}", self.most));
+        let why = format!("the lightest has {}{textures}; {ways}", made.bytes());
+        self.progress.warn(&format!("no file of {} bytes was found: {why}", self.most));
         Ok((made, false))
     }
 
@@ -309,11 +309,14 @@ impl Budget<'_> {
 
 /// Names of textures that are told of those that are stored alike.
 const MOST_NAMES: usize = 4;
+/// Characters that are told of such a name: it comes from a file.
+const LONGEST_NAME: usize = 40;
 
 /// How the textures of an asset are stored, for people: which ones so, where not all are stored alike.
 pub(super) fn told(scene: &Scene) -> String {
-    let one = |i: &TextureImage| {
-        let how = match i.encoding {
+    let one = |k: usize| {
+        let i = &scene.images[k];
+        let how = match scene.stored_encoding(k) {
             // What was loaded says so, whatever it came from.
             TextureEncoding::Png => match i.encoded.as_deref() {
                 Some([0xff, 0xd8, ..]) => "JPEG, as in the asset".into(),
@@ -328,15 +331,19 @@ pub(super) fn told(scene: &Scene) -> String {
         };
         format!("{} x {} as {how}", i.width, i.height)
     };
+    // What reads an image says more than its name, where it reads no other one.
+    let reader = |k: usize| {
+        let mut all = scene.materials.iter().flat_map(|m| m.textures());
+        all.find(|(_, slot)| slot.image == k).map(|(what, _)| what)
+    };
+    let readers: Vec<_> = (0..scene.images.len()).map(reader).collect();
     let mut groups: Vec<(String, Vec<String>)> = Vec::new();
     for (k, image) in scene.images.iter().enumerate() {
-        let how = one(image);
-        // What reads it says more than the number of one without a name.
-        let mut readers = scene.materials.iter().flat_map(|m| m.textures());
-        let reader = readers.find(|(_, slot)| slot.image == k).map(|(what, _)| what.to_owned());
-        let name = match &image.name[..] {
-            "" => reader.unwrap_or_else(|| format!("image {k}")),
-            name => name.to_owned(),
+        let how = one(k);
+        let name = match reader(k) {
+            Some(what) if readers.iter().filter(|r| **r == Some(what)).count() == 1 => what.to_owned(),
+            what if image.name.is_empty() => what.map_or(format!("image {k}"), |what| format!("{what} {k}")),
+            _ => format!("{:?}", image.name.chars().take(LONGEST_NAME).collect::<String>()),
         };
         match groups.iter_mut().find(|g| g.0 == how) {
             Some(group) => group.1.push(name),

@@ -76,13 +76,14 @@ pub(super) struct Chosen {
 
 /// The fit judged itself by its own renderer; the choice among the fitted asset, the same with maps baked anew, the
 /// starts, and the decimated asset with its own materials, where it may be written, is made by pictures as those of the
-/// report are made. Who stopped the work does not wait for it.
+/// report are made. Where triangles follow from bytes those of the asset with its own materials do so by options of their own. Who stopped the
+/// work does not wait for it.
 pub(super) fn best(
     asset: Asset<'_>,
     trained: Trained<Surface>,
     (starts, start, rival): (&[Start], usize, Rival),
     reference: &dyn Reference,
-    options: &SimplifyOptions,
+    (options, own_options): (&SimplifyOptions, &SimplifyOptions),
     progress: &dyn Progress,
 ) -> Result<Chosen, FitError> {
     let Asset { scene, n, rays, visibility: seen, .. } = asset;
@@ -92,7 +93,14 @@ pub(super) fn best(
     progress.report("choose", 0, options.choice_views(), "own materials");
     let as_many = Target::Triangles(starts[start].candidate.triangles.len());
     let plain = rival.into_stage(asset, &starts[start].candidate, options)?;
-    let own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
+    let own = if options.triangles_by_bytes && options.keeps_textures(scene) {
+        // Its own geometry takes other bytes than that of new maps.
+        let target = own_options.target;
+        let first = plain::decimated(scene, n, &[], &plain::own(target, n, options))?;
+        plain::candidate(asset, &first, reference, target, own_options, progress)?
+    } else {
+        plain::candidate(asset, &plain, reference, as_many, options, progress)?
+    };
     let (mut own, decimation) = own.unzip();
     // A fit without a better step is its start.
     let gained = trained.gained();

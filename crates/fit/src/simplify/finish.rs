@@ -48,19 +48,20 @@ pub(super) fn finish(
     let Chosen { trained, light: new, written: was, mut fitted, own, decimation, plain, certainty } = chosen;
     let with_maps =
         |light, written| fit_maps(asset, light, (written, trained.stopped, spent), options, progress);
-    let (light, compression, written, traced_maps) = match options.max_bytes {
+    let compared = plain.is_some();
+    let ((light, compression, written, traced_maps), cut) = match options.max_bytes {
         None => {
             let (light, course) = with_maps(new, was);
-            (dressed(light, asset, options), options.compression, was, course)
+            ((dressed(light, asset, options), options.compression, was, course), false)
         }
         Some(most) => {
             let budget = Budget { most, asset, reference, options, progress };
             let shapes = (&Shapes::new(new), was);
-            let (made, written, course) = within(&budget, shapes, own.as_ref(), plain.is_some(), &with_maps)?;
-            (made.scene, made.compression, written, course)
+            let (made, written, course, cut) = within(&budget, shapes, own.as_ref(), compared, &with_maps)?;
+            ((made.scene, made.compression, written, course), cut)
         }
     };
-    let cut = plain.is_some() && progress.is_cancelled();
+    let cut = compared && (certainty.is_none() || cut);
     // Within a budget of bytes the file is not as it was fitted.
     if was == Written::Fitted && options.max_bytes.is_some() {
         fitted = Some(options.exported(&trained.model.candidate, asset.n));
@@ -80,14 +81,14 @@ pub(super) fn finish(
 }
 
 /// The better of the files within a budget that the asset with `new` maps and that with its `own` materials come to; what that is; and how
-/// the fit of its maps `with_maps` went. The asset as it was given is looked at where the work `compares` anything.
+/// the fit of its maps `with_maps` went; and whether the work was ended in this choice. The asset as it was given is looked at where the work `compares` anything.
 fn within(
     budget: &Budget<'_>,
     (new, was): (&Shapes, Written),
     own: Option<&Shapes>,
     compares: bool,
     with_maps: &dyn Fn(Scene, Written) -> (Scene, TracedMaps),
-) -> Result<(Made, Written, TracedMaps), FitError> {
+) -> Result<(Made, Written, TracedMaps, bool), FitError> {
     let mut made = budget.within(new)?;
     // Who stopped the work waits for no other files.
     let own = own.filter(|_| !budget.progress.is_cancelled());
@@ -95,6 +96,7 @@ fn within(
         made.extend(budget.within(own)?);
     }
     let best = budget.best(&made)?;
+    let cut = budget.progress.is_cancelled();
     let (start, written) = match own.filter(|_| best > 0) {
         Some(own) => (own.scene(best - 1), Written::Decimated),
         None => (new.scene(0), was),
@@ -110,7 +112,7 @@ fn within(
     let given = budget.asset.given;
     let whole = (budget.options.keeps_all(given) && compares).then_some(given);
     Ok(match budget.or_whole(made.swap_remove(best), whole)? {
-        (made, true) => (made, Written::Whole, course.beaten_by("the asset as it was given is written")),
-        (made, false) => (made, written, course),
+        (made, true) => (made, Written::Whole, course.beaten_by("the asset as it was given is written"), cut),
+        (made, false) => (made, written, course, cut),
     })
 }

@@ -124,6 +124,12 @@ impl Init {
             Self::Sphere => {
                 let budget = self.budget(options.target, n.flat.mesh.triangles.len())?;
                 let mut mesh = sphere(n, seen, budget);
+                let made = mesh.triangles.len();
+                if made < budget {
+                    progress.note(&format!(
+                        "a sphere is an icosahedron whose sides are cut: of {budget} triangles that are allowed it has {made}"
+                    ));
+                }
                 shrink_wrap::FROM_AFAR.run(&mut mesh, &[], reference, (seen, &[]), progress)?;
                 let class = closest_classes(n, reference, seen, &mesh);
                 let (made, locked) = (Written::Sphere, HashSet::new());

@@ -76,9 +76,9 @@ pub(super) fn simplify(
     let plan = options.plan(given, reference.kind()).with_judgement(told);
     let written = &stages[stages.len() - 1].scene;
     let triangles = [scene.triangle_count(), written.triangle_count()];
-    let plan = plan.with_result(Written::Kept, [0; 2], None).with_triangles(triangles);
+    let plan = plan.with_result(Written::Kept, [0; 2], (None, false)).with_triangles(triangles);
     let plan = plan.with_decimation(Some(decimation));
-    let plan = plan.with_bytes(options.max_bytes.map(|most| (most, Some(bytes))));
+    let plan = plan.with_bytes(options.max_bytes, Some((bytes, &textures, compression)));
     let stopped = progress.is_cancelled();
     let shape = stand_in(written, n.frame());
     let fitted = SurfacePlan::new(&shape, options.asked(reference.kind()));
@@ -95,7 +95,7 @@ pub(super) fn simplify(
     let times = Times { all: began.elapsed().as_secs_f64(), to_file };
     let judged = judge.method(&stages);
     let mut made = Outcome::new(triangles, trained, plan, &stages, views, judged, times, options);
-    (made.file, made.written, made.stopped) = (path, Written::Kept, stopped);
+    (made.file, made.bytes, made.written, made.stopped) = (path, bytes, Written::Kept, stopped);
     (made.textures, made.compression, made.choice_cut) = (textures, compression, cut);
     (made.left_out, made.not_fitted) = (outcome::left_out(given, written, options.appearance), Vec::new());
     prepare::tell_budget(options, triangles, progress);

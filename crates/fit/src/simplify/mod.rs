@@ -182,7 +182,7 @@ pub(crate) fn simplify_asset(
     through_path::begin(options, progress);
     let (device, renderer) = (options.device_of_fit(progress), options.rasterized_against());
     let judged = &*renderer.reference(scene, n, options)?;
-    let (options, counted) = &byte_budget::counted(asset, judged, options, progress)?;
+    let (own, (options, counted)) = (options, &byte_budget::counted(asset, judged, options, progress)?);
     let drawn = renderer.drawn_on(&device, n, options);
     let reference = drawn.as_deref().unwrap_or(judged);
 
@@ -234,10 +234,8 @@ pub(crate) fn simplify_asset(
         progress,
     )?;
     let plan = plan_with_phases.unwrap_or(plan).with_device(device.told());
-    let chosen = choice::best(asset, trained, (&all[..], starts.best, rival), judged, options, progress)?;
-    if options.appearance == Appearance::VertexColors {
-        outcome::tell_detail(&chosen.trained.model.candidate, n, progress);
-    }
+    let chosen =
+        choice::best(asset, trained, (&all[..], starts.best, rival), judged, (options, own), progress)?;
     let spent = fit_began.elapsed();
     let Finished {
         trained,
@@ -251,7 +249,10 @@ pub(crate) fn simplify_asset(
         decimation,
         cut,
     } = finish::finish(asset, chosen, spent, judged, options, progress)?;
-    if trained.behind.is_some() && written != Written::Decimated {
+    if options.appearance == Appearance::VertexColors && !written.has_own_surface() {
+        outcome::tell_detail(&trained.model.candidate, n, progress);
+    }
+    if trained.behind.is_some() && written != Written::Decimated && plain.is_some() {
         progress.warn(
             "the fit ended early, far behind the asset's own materials on as many triangles, which yet look worse in the views of the \
              choice; without them as a choice (new maps) it makes all of its steps",
@@ -268,15 +269,18 @@ pub(crate) fn simplify_asset(
     let pictures = judge.views(&stages, options.report_views, progress)?;
     let times = Times { all: began.elapsed().as_secs_f64(), to_file };
     let told = options.judgement(given).made(pictures.len(), stages_beside(&stages));
-    let plan =
-        plan.with_judgement(told).with_result(written, [trained.steps, trained.reached()], traced_maps.row());
+    let plan = plan.with_judgement(told).with_result(
+        written,
+        [trained.steps, trained.reached()],
+        (traced_maps.row(), traced_maps.gained()),
+    );
     let plan = plan.with_behind(trained.behind).with_choice(certainty).with_triangles(triangles);
     let plan = plan.with_decimation(decimation.filter(|_| written == Written::Decimated));
-    let plan = plan.with_bytes(options.max_bytes.map(|most| (most, Some(bytes))));
+    let plan = plan.with_bytes(options.max_bytes, Some((bytes, &textures, compression)));
     let mut outcome =
         Outcome::new(triangles, trained, plan, &stages, pictures, judge.method(&stages), times, options);
     outcome.device = device.name();
-    (outcome.file, outcome.written) = (path, written);
+    (outcome.file, outcome.bytes, outcome.written) = (path, bytes, written);
     (outcome.textures, outcome.compression) = (textures, compression);
     let light = &stages[stages.len() - 1].scene;
     (outcome.left_out, outcome.not_fitted) = (

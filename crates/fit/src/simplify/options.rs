@@ -70,8 +70,9 @@ pub struct SimplifyOptions {
     /// is too large) are chosen so that it fits with the least loss. Own textures ([`Self::own_textures`]) and new maps are each
     /// made to fit, and what looks best then is written.
     pub max_bytes: Option<u64>,
-    /// Whether the triangles follow from [`Self::max_bytes`] instead of [`Self::target`]: as many as fit into half of it, all
-    /// where they do; own textures are also tried with those of other parts of it, or, where there are none, of all of it.
+    /// Whether the triangles follow from [`Self::max_bytes`] instead of [`Self::target`]: all where they fit into half of it or the asset
+    /// as it is fits; else several parts of it are tried, both of starts of the fit and of the asset's own surface, or, where nothing has
+    /// textures, all of it.
     pub triangles_by_bytes: bool,
     /// Views of the report.
     pub report_views: u64,
@@ -188,12 +189,13 @@ impl SimplifyOptions {
     pub fn plan(&self, scene: &Scene, reference: ReferenceKind) -> FitPlan {
         let plan = FitPlan::new(scene)
             .with_options(self.fit_steps(), reference, &self.lighting)
-            .without_steps(self.lacks_nothing(scene).then_some(NOTHING_LACKS))
+            // As they were resolved: starts of a fit may come to all triangles, too.
+            .without_steps((self.steps == 0 && self.lacks_nothing(scene)).then_some(NOTHING_LACKS))
             .with_appearance(self.appearance)
             .with_judgement(self.judgement(scene))
             .with_occlusion(self.occlusion)
             .with_traced_maps(TracedMaps::planned(self).row())
-            .with_bytes(self.max_bytes.map(|most| (most, None)))
+            .with_bytes(self.max_bytes, None)
             .with_counted(byte_budget::planned(self, scene))
             .with_mips(self.mip_sizes());
         if self.appearance == Appearance::Kept { plan } else { plan.with_outline(by_outline::planned(self)) }

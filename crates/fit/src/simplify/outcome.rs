@@ -75,7 +75,9 @@ pub struct Outcome {
     pub written: Written,
     /// What it has in place of the asset's surface.
     pub appearance: Appearance,
-    /// Bytes that the file was to have at most.
+    /// Bytes of the file.
+    pub bytes: u64,
+    /// Bytes that it was to have at most.
     pub max_bytes: Option<u64>,
     /// Whether the work was ended while what could be written was compared: what was written is the best by then.
     pub choice_cut: bool,
@@ -154,7 +156,7 @@ impl Written {
             Self::ShrinkWrapped => "shrink-wrapped",
             Self::Sphere => "sphere",
             Self::Baked => "baked",
-            Self::Decimated => "decimated",
+            Self::Decimated => "own-materials",
             Self::Kept => "kept",
             Self::Whole => "whole",
         }
@@ -169,6 +171,11 @@ impl Written {
                 "the decimated shape"
             }
         }
+    }
+
+    /// Whether that was baked after or in place of a fit.
+    pub(crate) fn is_baked(self) -> bool {
+        self == Self::Rebaked || Self::STARTS.contains(&self)
     }
 
     /// Whether that has the asset's own texture coordinates, materials and textures.
@@ -193,6 +200,11 @@ impl Outcome {
     /// Mean quality of the written file, the last of the stages.
     pub fn shipped(&self) -> Option<&Quality> {
         self.stages.last().map(|s| &s.quality)
+    }
+
+    /// Whether the file has more bytes than it was to have.
+    pub fn is_too_large(&self) -> bool {
+        self.max_bytes.is_some_and(|most| self.bytes > most)
     }
 
     /// Whether what was written was compared with what else could be. Where the user stopped the work before, it is the best of
@@ -272,6 +284,7 @@ impl Outcome {
             file: PathBuf::new(),
             written: Written::Fitted,
             appearance: options.appearance,
+            bytes: 0,
             max_bytes: options.max_bytes,
             choice_cut: false,
             textures: String::new(),

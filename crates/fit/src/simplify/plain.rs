@@ -79,12 +79,15 @@ impl Decimation {
     /// The row of the plan.
     pub(super) fn row(&self) -> Item {
         let weights = match self.weights {
-            Weights::Default if !self.importance.is_empty() => "quadrics of what is seen more weigh more",
-            Weights::Default => "quadrics with the measured weights",
-            Weights::Mild => {
-                "quadrics of texture coordinates weigh as much, those of normals less, thin parts no more than others"
+            Weights::Default if !self.importance.is_empty() => {
+                "default weights of quadrics, and triangles that are seen more weigh more".to_owned()
             }
-            Weights::Shading => "quadrics of normals weigh five times as much",
+            Weights::Default => "default weights of quadrics".to_owned(),
+            Weights::Mild => {
+                "weights of quadrics for mild budgets: normals weigh less, and thin parts as others"
+                    .to_owned()
+            }
+            Weights::Shading => format!("quadrics of normals weigh {SHADING} times as much as by default"),
         };
         let chosen = match self.chosen {
             None => "; no others were compared".to_owned(),

@@ -19,7 +19,7 @@ use crate::engine::reference::ReferenceKind;
 use crate::engine::trainer::Phase;
 use crate::engine::views::Lighting;
 use asset::{Asset, LightSurface};
-use photofit_scene::Scene;
+use photofit_scene::{Compression, Scene};
 use std::fmt;
 
 /// What the options say.
@@ -65,8 +65,8 @@ pub struct FitPlan {
     triangles: Option<[usize; 2]>,
     /// How the asset with its own surface was decimated, where that is written.
     decimation: Option<Item>,
-    /// Bytes that the file may have, and those that it has.
-    bytes: Option<(u64, Option<u64>)>,
+    /// Bytes that the file may have, and what came of it.
+    bytes: Option<Item>,
     /// How many triangles follow from bytes, where they do.
     counted: Option<Item>,
     /// What came of it.
@@ -77,6 +77,8 @@ pub struct FitPlan {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Ended {
     written: Written,
+    /// Whether its maps were fitted once more through the path tracer.
+    traced: bool,
     /// Steps made.
     steps: u64,
     /// The step up to which it came.
@@ -198,7 +200,7 @@ impl FitPlan {
     }
 
     /// Adds what the fit came to: what was written, the steps that were made, the step up to which it came ([`Trained::reached`]),
-    /// and whether maps were fitted through the path tracer.
+    /// and whether maps were fitted through the path tracer and are in what was written.
     ///
     /// [`Trained::reached`]: crate::engine::trainer::Trained::reached
     #[must_use]
@@ -206,11 +208,11 @@ impl FitPlan {
         self,
         written: Written,
         [steps, reached]: [u64; 2],
-        traced_maps: Option<Item>,
+        (traced_maps, traced): (Option<Item>, bool),
     ) -> Self {
         Self {
             traced_maps,
-            result: Some(Ended { written, steps, reached, behind: None, choice: None }),
+            result: Some(Ended { written, traced, steps, reached, behind: None, choice: None }),
             ..self
         }
     }
@@ -233,10 +235,11 @@ impl FitPlan {
         Self { counted, ..self }
     }
 
-    /// Adds the bytes that the file may have and, once it is written, those that it has; nothing is told without.
+    /// Adds the bytes that the file may have and, once it is written, those that it has, how its textures and its geometry are stored;
+    /// nothing is told without.
     #[must_use]
-    pub(crate) fn with_bytes(self, bytes: Option<(u64, Option<u64>)>) -> Self {
-        Self { bytes, ..self }
+    pub(crate) fn with_bytes(self, most: Option<u64>, file: Option<(u64, &str, Compression)>) -> Self {
+        Self { bytes: most.map(|most| rows::bytes(most, file)), ..self }
     }
 
     /// Adds to the result by how many dB the fit was behind the asset's own materials, where it ended early for that.
@@ -291,8 +294,9 @@ impl FitPlan {
             }
         }
         items.extend(self.result.map(|r| written(r, self.appearance, self.triangles)));
-        items.extend(self.decimation.clone());
-        items.extend(self.bytes.map(rows::bytes));
+        let fewer = self.triangles.is_none_or(|[of, made]| made < of);
+        items.extend(self.decimation.clone().filter(|_| fewer));
+        items.extend(self.bytes.clone());
         items.extend(self.counted.clone());
         if self.appearance != Some(Appearance::Kept) {
             let steps = self.choices.as_ref().zip(self.result).filter(|(c, _)| c.steps > 0);
@@ -326,7 +330,7 @@ impl FitPlan {
         match (self.appearance, self.result.map(|r| r.written)) {
             (Some(Appearance::Kept), _) => LightSurface::Own,
             (_, Some(written)) if written.has_own_surface() => LightSurface::Own,
-            (Some(Appearance::VertexColors), None) if !self.asset.is_textured() => LightSurface::Open,
+            (Some(Appearance::VertexColors), None) if !self.asset.textured => LightSurface::Open,
             (Some(Appearance::VertexColors), _) => LightSurface::Colors,
             (_, Some(_)) => LightSurface::New,
             (_, None) => LightSurface::Open,
@@ -375,7 +379,7 @@ impl FitPlan {
 
 /// The row of what is written.
 fn written(
-    Ended { written, choice, .. }: Ended,
+    Ended { written, traced, choice, .. }: Ended,
     appearance: Option<Appearance>,
     triangles: Option<[usize; 2]>,
 ) -> Item {
@@ -384,12 +388,13 @@ fn written(
         Written::Fitted => "what was fitted".to_owned(),
         Written::Rebaked => format!("the fitted shape, its {maps} baked anew"),
         Written::ShrinkWrapped | Written::Baked | Written::Sphere => {
-            format!("the start: {} with baked {maps}", written.start())
+            format!("a start: {} with baked {maps}", written.start())
         }
-        Written::Decimated => "the asset's own materials and texture coordinates".to_owned(),
+        Written::Decimated => "the asset's own materials".to_owned(),
         Written::Kept => "the asset's own surface".to_owned(),
         Written::Whole => "the asset as it was given: no other file took so few bytes".to_owned(),
     };
+    let traced = if traced { ", whose maps were fitted once more through the path tracer" } else { "" };
     let on = triangles.map_or_else(String::new, |[of, made]| format!("; {made} of {of} triangles"));
     let chosen = match choice {
         Some(Certainty { views, close }) => {
@@ -401,7 +406,7 @@ fn written(
         }
         None => String::new(),
     };
-    Item::note("written asset", why + &on + &chosen)
+    Item::note("written asset", why + traced + &on + &chosen)
 }
 
 impl From<&FitPlan> for PlanRows {

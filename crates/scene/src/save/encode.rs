@@ -73,6 +73,27 @@ fn encode_ktx2(image: &TextureImage, used: Use, quality: u8) -> Result<Vec<u8>, 
     photofit_ktx2::encode(&levels(image, used), &options).map_err(|e| e.to_string())
 }
 
+impl Scene {
+    /// How an image is stored in a file: as [`TextureImage::encoding`] says, or as PNG where that cannot hold it (alpha as JPEG, sides
+    /// that are no multiples of 4 as KTX 2.0). A file that was read ([`TextureImage::encoded`]) is stored as it is.
+    ///
+    /// # Panics
+    /// If there is no such image.
+    pub fn stored_encoding(&self, image: usize) -> TextureEncoding {
+        possible(self, image, &self.images[image])
+    }
+}
+
+/// The encoding of an image, number `index` of the scene or a copy of it, or PNG where that cannot hold it.
+fn possible(scene: &Scene, index: usize, image: &TextureImage) -> TextureEncoding {
+    let holds = match image.encoding {
+        TextureEncoding::Ktx2 { .. } => use_in_ktx2(scene, index, image).is_some(),
+        TextureEncoding::Jpeg { .. } => image.texels.iter().all(|t| t[3] == u8::MAX),
+        _ => true,
+    };
+    if holds { image.encoding } else { TextureEncoding::Png }
+}
+
 /// The bytes of an image, number `index` of the scene or a copy of it, and their type.
 pub(super) fn encode(
     scene: &Scene,
@@ -89,14 +110,12 @@ pub(super) fn encode(
     }
     let (width, height) = (image.width, image.height);
     let (channels, bytes) = samples(&image.texels, u8::MAX);
-    let (file, mime) = match image.encoding {
+    let (file, mime) = match possible(scene, index, image) {
         TextureEncoding::WebP => (encode_webp(width, height, channels, &bytes), WEBP),
         TextureEncoding::LossyWebP { quality } => {
             (encode_webp_lossy(width, height, channels, &bytes, quality), WEBP)
         }
-        TextureEncoding::Jpeg { quality } if channels == 3 => {
-            (encode_jpeg(width, height, &bytes, quality), "image/jpeg")
-        }
+        TextureEncoding::Jpeg { quality } => (encode_jpeg(width, height, &bytes, quality), "image/jpeg"),
         _ if image.texels16.is_empty() => {
             (encode_png(width, height, channels, &bytes, PngCompression::Small), "image/png")
         }

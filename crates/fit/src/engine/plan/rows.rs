@@ -6,6 +6,7 @@ use crate::engine::trainer::{Measure, Phase};
 use photofit_raster::deferred::Passes;
 use photofit_raster::loss::Loss;
 use photofit_raster::{CHANNELS, channel};
+use photofit_scene::Compression;
 use std::fmt;
 
 /// Whether a pass runs.
@@ -201,13 +202,22 @@ pub(crate) fn opaque() -> String {
     format!("every surface is opaque: one layer in place of {}, no blending", Passes::default().max_layers)
 }
 
-/// The row of a budget of bytes, with the bytes of the file once it is written.
-pub(crate) fn bytes((most, file): (u64, Option<u64>)) -> Item {
-    const HOW: &str = "textures and the precision of compressed geometry give way";
+/// The row of a budget of bytes; once the file is written with its bytes, and how textures and geometry are stored.
+pub(crate) fn bytes(most: u64, file: Option<(u64, &str, Compression)>) -> Item {
+    let count = |n: u64| crate::report::count(usize::try_from(n).unwrap_or(usize::MAX));
+    let most_told = count(most);
     let why = match file {
-        None => format!("at most {most}: {HOW}"),
-        Some(bytes) if bytes <= most => format!("{bytes} of at most {most}: {HOW}"),
-        Some(bytes) => format!("{bytes}, the fewest that were found; at most {most} were asked for"),
+        None => format!(
+            "at most {most_told}: textures, and where it is compressed geometry, are stored smaller as far as it needs"
+        ),
+        Some((bytes, textures, geometry)) => {
+            let found = if bytes > most { ", the fewest that were found," } else { "" };
+            let geometry = match geometry {
+                Compression::None => String::new(),
+                compressed => format!("geometry {}, ", compressed.name()),
+            };
+            format!("{}{found} of at most {most_told}: {geometry}textures {textures}", count(bytes))
+        }
     };
     Item { what: "bytes of the file", runs: Runs::Yes, why }
 }
@@ -312,7 +322,7 @@ pub(crate) fn surface(work: &Work) -> Vec<Item> {
             not("positions are frozen"),
         ),
         Item::of("transparent layers", p.max_layers > 1, layers, opaque()),
-        Item::of("normal map", p.normal_map, "it is drawn", "it is flat"),
+        Item::of("normal map", p.normal_map, "new maps have one, which is drawn", "that of new maps is flat"),
         Item::of("emission", p.emissive, "it is drawn", "nothing emits"),
     ];
     let of = |rates: &[f32; CHANNELS]| rates.iter().filter(|r| **r > 0.0).count();

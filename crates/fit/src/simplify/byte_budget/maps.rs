@@ -12,12 +12,14 @@ use crate::simplify::{Appearance, Asset, Effort, MIN_TRIANGLES, SimplifyOptions,
 use crate::{FitError, Progress};
 use photofit_geometry::decimate::Target;
 use photofit_scene::Scene;
+use std::cell::RefCell;
 
-/// Part of its bytes that geometry may leave unused: starts take long, and which part is best is no sharp choice.
-const UNUSED: f64 = 0.15;
+/// Parts of the file that the geometry of starts is tried with: first the convention.
+const PARTS: [f64; 4] = [GEOMETRY, OTHER_PARTS[0], OTHER_PARTS[1], OTHER_PARTS[2]];
+/// Part of these bytes that it may leave unused. A decimation alone is tried until it leaves less; a start takes long.
+const UNUSED_BY_STARTS: f64 = 0.15;
 
 /// A start, as it would be written with all of its texels.
-#[derive(Clone)]
 struct Started {
     /// Triangles that were asked for.
     triangles: usize,
@@ -26,21 +28,47 @@ struct Started {
     size: [f64; 2],
 }
 
-/// The row of the plan.
+/// The row of the plan, and the stage of the progress.
 const ROW: &str = "triangles by bytes";
+pub(in crate::simplify) const STAGE: &str = "triangles";
 
 /// The row of the plan before the work, where triangles follow from bytes.
 pub(in crate::simplify) fn planned(options: &SimplifyOptions, scene: &Scene) -> Option<Item> {
+    let all = options.target == Target::Triangles(scene.triangle_count());
     let (runs, why) = match options.appearance {
         _ if !options.triangles_by_bytes => return None,
-        _ if options.target == Target::Triangles(scene.triangle_count()) && options.lacks_nothing(scene) => {
-            (Runs::No, "all fit")
-        }
-        Appearance::Maps => (Runs::Open, "in starts whose geometry takes several parts of the bytes"),
-        Appearance::VertexColors => (Runs::Open, "by what starts take of the bytes"),
-        Appearance::Kept => (Runs::Yes, "decimations that take several parts of the bytes are compared"),
+        Appearance::Kept if all => (Runs::No, "all stay"),
+        Appearance::Kept if scene.images.is_empty() => (Runs::Yes, "as many as take all of the bytes"),
+        Appearance::Kept => (
+            Runs::Yes,
+            "what takes a quarter, a half, three quarters and nine tenths of the bytes is compared",
+        ),
+        _ if options.lacks_nothing(scene) => (Runs::No, "all stay"),
+        Appearance::Maps => (Runs::Open, "starts decide whose geometry takes several parts of the bytes"),
+        Appearance::VertexColors => (Runs::Open, "as many as take all of the bytes in a start"),
     };
     Some(Item { what: ROW, runs, why: why.into() })
+}
+
+/// Progress of starts that are made to count triangles, as one stage.
+struct OfStarts<'a>(&'a dyn Progress);
+
+impl Progress for OfStarts<'_> {
+    fn report(&self, stage: &'static str, done: u64, total: u64, _: &str) {
+        self.0.report(STAGE, done, total, stage);
+    }
+
+    fn warn(&self, text: &str) {
+        self.0.warn(text);
+    }
+
+    fn note(&self, text: &str) {
+        self.0.note(text);
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.0.is_cancelled()
+    }
 }
 
 /// The options with as many triangles as look best within the bytes in starts of what is to be fitted, where triangles follow from bytes
@@ -58,6 +86,7 @@ pub(in crate::simplify) fn counted(
         (Some(most), Target::Triangles(first))
             if options.triangles_by_bytes && !options.lacks_nothing(asset.scene) =>
         {
+            let progress = &OfStarts(progress);
             Some(Budget { most, asset, reference, options, progress }.triangles_of_maps(first)?)
         }
         _ => None,
@@ -66,7 +95,7 @@ pub(in crate::simplify) fn counted(
         None => (options.clone(), planned(options, asset.scene)),
         Some((triangles, why)) => {
             let of = asset.scene.triangle_count();
-            let why = format!("{triangles} of {of} are asked for: {why}");
+            let why = format!("the fit may have {triangles} of {of}: {why}");
             let options = SimplifyOptions { target: Target::Triangles(triangles), ..options.clone() };
             (options, Some(Item { what: ROW, runs: Runs::Yes, why }))
         }
@@ -78,48 +107,59 @@ impl Budget<'_> {
     fn triangles_of_maps(&self, first: usize) -> Result<(usize, String), FitError> {
         let Self { most, asset, options, progress, .. } = *self;
         let all = asset.scene.triangle_count();
-        let percent = |s: &Started| format!("{:.0}% of the bytes", 100.0 * s.size[1] / most as f64);
         let parts = if options.appearance == Appearance::Maps { &PARTS } else { &[1.0][..] };
-        let mut known = vec![self.started(first)?];
-        let mut found: Vec<Started> = Vec::new();
+        let tried = RefCell::new(vec![self.started(first)?]);
+        let made = |triangles| {
+            let start = self.started(triangles)?;
+            let size = start.size;
+            tried.borrow_mut().push(start);
+            Ok((tried.borrow().len() - 1, size))
+        };
+        let mut found: Vec<usize> = Vec::new();
         for part in parts {
             let room = part * most as f64;
-            // Of those that were made the one that comes nearest.
-            let off = |s: &Started| (s.size[1] / room).ln().abs();
-            known.sort_by(|a, b| off(a).total_cmp(&off(b)));
-            let near = known[0].clone();
-            let other = known.iter().map(|s| s.size).find(|size| size[0] != near.size[0]);
-            let fits =
-                near.size[1] <= room && (near.size[1] >= (1.0 - UNUSED) * room || near.triangles == all);
-            let best = match fits {
-                true => Some(near),
-                false => {
-                    let made = |triangles| self.started(triangles).map(|s| (s.clone(), s.size));
-                    let sizes = [other.unwrap_or_default(), near.size];
-                    nearest(sizes, (room, UNUSED), all, &made, &|| progress.is_cancelled())?
-                }
+            // Of those that were made the one that comes nearest, and the next.
+            let sizes: Vec<[f64; 2]> = tried.borrow().iter().map(|s| s.size).collect();
+            let off = |k: &usize| (sizes[*k][1] / room).ln().abs();
+            let mut order: Vec<usize> = (0..sizes.len()).collect();
+            order.sort_by(|a, b| off(a).total_cmp(&off(b)));
+            let (near, fits) = (order[0], |k: usize| sizes[k][1] <= room);
+            let other = order.iter().map(|k| sizes[*k]).find(|size| size[0] != sizes[near][0]);
+            let uses = sizes[near][1] >= (1.0 - UNUSED_BY_STARTS) * room || sizes[near][0] >= all as f64;
+            let best = if fits(near) && uses {
+                Some(near)
+            } else {
+                let known = [other.unwrap_or_default(), sizes[near]];
+                let next = nearest(known, (room, UNUSED_BY_STARTS), all, &made, &|| progress.is_cancelled())?;
+                next.or_else(|| order.iter().copied().find(|k| fits(*k)))
             };
-            known.extend(best.clone());
-            found.extend(best.filter(|b| found.iter().all(|f| f.triangles != b.triangles)));
+            let triangles = |k: usize| tried.borrow()[k].size[0];
+            found.extend(best.filter(|b| found.iter().all(|f| triangles(*f) != triangles(*b))));
         }
-        if found.len() < 2 || progress.is_cancelled() {
-            return Ok(match found.first() {
-                Some(only) => {
-                    (only.triangles, format!("the geometry of their start takes {}", percent(only)))
-                }
-                None => (MIN_TRIANGLES.min(all), "no start of more has a geometry that fits".into()),
-            });
+        let tried = tried.into_inner();
+        let told = |k: usize, why: &str| {
+            let Started { triangles, size, .. } = tried[k];
+            let percent = 100.0 * size[1] / most as f64;
+            Ok((triangles, format!("the geometry of their start takes {percent:.0}% of the bytes{why}")))
+        };
+        match found[..] {
+            [] => return Ok((MIN_TRIANGLES.min(all), "the geometry of no start with more fits".into())),
+            [only] => return told(only, ""),
+            // Who stopped the work does not wait for a choice.
+            [first, ..] if progress.is_cancelled() => return told(first, ""),
+            _ => {}
         }
         let mut made: Vec<Made> = Vec::new();
-        for start in &found {
-            made.extend(self.within(&Shapes::new(start.light.clone()))?);
+        for k in &found {
+            made.extend(self.within(&Shapes::new(tried[*k].light.clone()))?);
         }
-        let (best, of) = (&found[self.best(&made)?], found.len());
-        let share = percent(best);
-        Ok((
-            best.triangles,
-            format!("their start, whose geometry takes {share}, looks best of {of}, each made to fit"),
-        ))
+        let fitting = made.iter().filter(|m| m.bytes() <= most).count();
+        let best = found[self.best(&made)?];
+        match fitting {
+            0 => told(best, &format!(", the smallest file of {} that do not fit", made.len())),
+            1 => told(best, &format!(", the only one of {} that fits with textures", made.len())),
+            n => told(best, &format!(", the best of {n} that were made to fit")),
+        }
     }
 
     /// A start of at most so many triangles.
@@ -138,6 +178,3 @@ impl Budget<'_> {
         Ok(Started { triangles, size: [light.triangle_count() as f64, bytes as f64], light })
     }
 }
-
-/// Parts of the file that geometry is tried with: first the convention.
-const PARTS: [f64; 4] = [GEOMETRY, OTHER_PARTS[0], OTHER_PARTS[1], OTHER_PARTS[2]];

@@ -27,9 +27,13 @@ fn textures_are_told_by_name_where_they_differ() {
     };
     assert_eq!(told(&[]), "none");
     assert_eq!(told(&[("a", 8), ("b", 8)]), "8 x 8 as PNG");
-    assert_eq!(told(&[("a", 8), ("", 16), ("c", 8)]), "a, c 8 x 8 as PNG; image 1 16 x 8 as PNG");
+    assert_eq!(told(&[("a", 8), ("", 16), ("c", 8)]), "\"a\", \"c\" 8 x 8 as PNG; image 1 16 x 8 as PNG");
+    assert!(
+        told(&[("\u{1b}[31m\n", 8), ("b", 16)]).starts_with("\"\\u{1b}[31m\\n\" 8 x 8"),
+        "no control characters"
+    );
     let six = [("a", 8), ("b", 8), ("c", 8), ("d", 8), ("e", 8), ("f", 16)];
-    assert_eq!(told(&six), "a, b, c, d and 1 more 8 x 8 as PNG; f 16 x 8 as PNG");
+    assert_eq!(told(&six), "\"a\", \"b\", \"c\", \"d\" and 1 more 8 x 8 as PNG; \"f\" 16 x 8 as PNG");
 }
 
 /// A rock with stripes in vertex colours beside one that is smooth: colours, normals and roughness have images.
@@ -106,7 +110,7 @@ fn files_fit_a_budget_of_bytes_with_the_least_loss() {
     assert_eq!(fifth.warnings, "");
     let none = made(Some(100));
     assert!(none.bytes > 100 && none.bytes < fifth.bytes, "{}", none.bytes);
-    assert!(none.warnings.contains("no file of 100 bytes"), "{}", none.warnings);
+    assert!(none.warnings.contains("no file of 100 bytes was found"), "{}", none.warnings);
 }
 
 /// Of several images the one that matters keeps more: colour stripes and a map of roughness that hardly varies. Lossy and
@@ -495,8 +499,11 @@ fn triangles_of_new_maps_are_counted_by_what_they_take() {
             let part = bytes / most as f64;
             let near = shares.iter().any(|share| (0.85 * share..=1.05 * share).contains(&part));
             let all = made.triangles_out == made.triangles_in;
-            println!("{appearance:?}: {} of {} triangles, {part}", made.triangles_out, made.triangles_in);
             assert!(all || near, "{appearance:?}: {part} of {most}");
+            assert!(!all || (appearance, most) == (Appearance::VertexColors, 40_000), "fewer are asked for");
+            let told = made.plan.to_string();
+            let percent = format!("takes {:.0}% of the bytes", 100.0 * part);
+            assert!(told.contains("run  triangles by bytes") && told.contains(&percent), "{percent}: {told}");
             assert!(std::fs::metadata(&path).unwrap().len() <= most);
         }
     }

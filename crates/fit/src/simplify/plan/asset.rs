@@ -48,6 +48,8 @@ pub(super) struct Asset {
     uvs: [bool; 2],
     /// Images in the file.
     images: usize,
+    /// Whether a material of something visible has a texture, whatever reads it.
+    pub(super) textured: bool,
     /// The textures of all materials of something visible.
     slots: Vec<Slot>,
     /// Material extensions that are not fitted.
@@ -90,14 +92,10 @@ impl Asset {
             vertex_colors: meshes().any(|m| !m.colors.is_empty()),
             uvs: [meshes().any(|m| !m.uvs.is_empty()), meshes().any(|m| !m.uvs1.is_empty())],
             images: scene.images.len(),
+            textured: is_textured(scene),
             slots: materials.iter().flat_map(|m| slots(m)).collect(),
             extensions: extensions.into_iter().collect(),
         }
-    }
-
-    /// Whether a material of something visible has a texture.
-    pub(super) fn is_textured(&self) -> bool {
-        !self.slots.is_empty()
     }
 
     /// What the asset alone says of what a fit of so many steps does with a surface.
@@ -268,7 +266,15 @@ impl Asset {
             (0, 0) => "none".into(),
             (0, _) if any == Runs::Open => OCCLUSION.into(),
             (0, n) => format!("none of {n} images is read"),
-            (r, n) => format!("{r} of {n} images are read"),
+            (r, n) => {
+                let kept = (0..n).filter(|i| self.reads(occlusion, |s| s.image == *i) == Runs::Open).count();
+                let kept = if kept > 0 {
+                    format!("; {kept} more where the options keep maps of occlusion")
+                } else {
+                    String::new()
+                };
+                format!("{r} of {n} images are read{kept}")
+            }
         };
         item("textures", any, why);
         let some =
@@ -294,7 +300,7 @@ impl Asset {
 
 /// Whether a material of something visible has a texture.
 pub(in crate::simplify) fn is_textured(scene: &Scene) -> bool {
-    visible_materials(scene).into_iter().any(|m| !slots(&scene.materials[m]).is_empty())
+    visible_materials(scene).into_iter().any(|m| scene.materials[m].texture_slots().next().is_some())
 }
 
 /// Extensions of a material, without their prefix.

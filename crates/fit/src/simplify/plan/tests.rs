@@ -141,7 +141,7 @@ fn without_steps_nothing_is_fitted_by_a_loss() {
         for what in ["logarithmic loss", "free mip levels"] {
             assert_eq!(runs(&plan, what), Runs::from(steps > 0), "{what}, {steps} steps");
         }
-        let stopped = plan.with_result(Written::Baked, [0; 2], None);
+        let stopped = plan.with_result(Written::Baked, [0; 2], (None, false));
         assert_eq!(runs(&stopped, "logarithmic loss"), Runs::No, "no step was made");
     }
 }
@@ -293,7 +293,7 @@ fn phases_say_what_moves_at_which_rate() {
     phases[1].first = 40;
     let ended = |reached| {
         let plan = FitPlan::new(&scene(Material::clay())).with_phases(&phases);
-        plan.with_result(Written::Fitted, [reached; 2], None).to_string()
+        plan.with_result(Written::Fitted, [reached; 2], (None, false)).to_string()
     };
     assert!(ended(40).contains("coarse: 40") && !ended(40).contains("fine: 40"), "{}", ended(40));
     assert!(ended(41).contains("fine: 40") && !ended(0).contains("coarse: 40"), "{}", ended(41));
@@ -366,7 +366,7 @@ fn what_can_be_counted_is_told_as_saved() {
     }));
     let options = SimplifyOptions { report_views: 2, judge_spp: 5, ..Default::default() };
     let plan = plan.with_judgement(options.judgement(&clay));
-    let text = plan.with_result(Written::Fitted, [40; 2], None).to_string();
+    let text = plan.with_result(Written::Fitted, [40; 2], (None, false)).to_string();
     let most = Passes::default().max_layers;
     for part in [
         "skip unseen triangles       3 of 12: left out of the decimation, of 5 that nobody sees",
@@ -391,7 +391,11 @@ fn what_was_written_is_what_the_plan_tells() {
     mesh.colors = vec![photofit_scalar::vec4(1.0, 0.5, 0.2, 1.0); mesh.positions.len()];
     let planned = fit(&velvet, &candidate(AlphaMode::Opaque, |_, _| {}));
     let told = |written, steps| {
-        planned.clone().with_appearance(Appearance::Maps).with_result(written, [steps; 2], None).to_string()
+        planned
+            .clone()
+            .with_appearance(Appearance::Maps)
+            .with_result(written, [steps; 2], (None, false))
+            .to_string()
     };
     let (new, own) = (
         ["an atlas has new ones", "their textures as mean values", "baked into the base colour"],
@@ -408,7 +412,11 @@ fn what_was_written_is_what_the_plan_tells() {
         assert!(text.contains("run  position gradients"), "{text}");
     }
     let chosen = |choice| {
-        planned.clone().with_result(Written::Fitted, [9; 2], None).with_choice(Some(choice)).to_string()
+        planned
+            .clone()
+            .with_result(Written::Fitted, [9; 2], (None, false))
+            .with_choice(Some(choice))
+            .to_string()
     };
     let (clear, close) =
         (chosen(Certainty { views: 4, close: false }), chosen(Certainty { views: 28, close: true }));
@@ -421,7 +429,7 @@ fn what_was_written_is_what_the_plan_tells() {
     // Nothing is baked or fitted where the asset keeps its surface.
     let kept = FitPlan::new(&velvet).with_appearance(Appearance::Kept).with_occlusion(Occlusion::Maps);
     let kept = kept.with_options(0, ReferenceKind::RASTERIZED, &Lighting::Mixed);
-    for plan in [kept.clone(), kept.with_result(Written::Kept, [0; 2], None)] {
+    for plan in [kept.clone(), kept.with_result(Written::Kept, [0; 2], (None, false))] {
         let text = plan.to_string();
         assert!(own.iter().all(|part| text.contains(part)), "{text}");
         let fitted = ["gradients", "transparent layers", "open "];
