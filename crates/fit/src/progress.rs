@@ -16,6 +16,32 @@ pub trait Progress: Sync {
     fn is_cancelled(&self) -> bool;
 }
 
+/// Progress of work as one stage of a larger one.
+pub(crate) struct AsStage<'a> {
+    pub(crate) progress: &'a dyn Progress,
+    pub(crate) stage: &'static str,
+    /// What is told beside it, of the stage that the work is in and its note.
+    pub(crate) note: for<'n> fn(&'static str, &'n str) -> &'n str,
+}
+
+impl Progress for AsStage<'_> {
+    fn report(&self, stage: &'static str, done: u64, total: u64, note: &str) {
+        self.progress.report(self.stage, done, total, (self.note)(stage, note));
+    }
+
+    fn warn(&self, text: &str) {
+        self.progress.warn(text);
+    }
+
+    fn note(&self, text: &str) {
+        self.progress.note(text);
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.progress.is_cancelled()
+    }
+}
+
 /// Says nothing and never stops.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Silent;

@@ -14,6 +14,7 @@ use crate::engine::reference::{self, ENERGY, MaterialFeatures, PathTraced, SAMPL
 use crate::engine::traced::{ComparedPixels, Traced, TracedParameter, WHOLE};
 use crate::engine::trainer::{Checkpointing, HELD_OUT, HeldOut, HistoryPoint, Job, Measure, Phase, train};
 use crate::engine::views::{Lighting, Orbit, Sampling};
+use crate::progress::AsStage;
 use crate::{FitError, Progress};
 use photofit_image::linear_to_srgb_u8;
 use photofit_pathtrace::{Parameter, PathOptions, RenderOptions, World};
@@ -166,7 +167,9 @@ pub fn traced_maps(
         keeping: &options.keeping,
         fingerprint: fingerprint(options, &light),
     };
-    let trained = train(Cpu::new(model)?, &job, |_| phases, &Maps(progress))?;
+    // It may follow another fit.
+    let as_maps = AsStage { progress, stage: "maps", note: |_, note| note };
+    let trained = train(Cpu::new(model)?, &job, |_| phases, &as_maps)?;
     let mut moved: Vec<Vec<f32>> = vec![Vec::new(); light.images.len()];
     for (k, map) in maps.iter().enumerate() {
         map.write(&starts[k], trained.model.of(k), &mut light.images[map.image], &mut moved[map.image]);
@@ -176,27 +179,6 @@ pub fn traced_maps(
     let plan = PlanRows { items, ..plan }.ended(trained.reached());
     let course = MapsCourse { history: trained.history, steps: trained.steps, stopped, plan };
     Ok(TracedMaps { light, course })
-}
-
-/// Progress of a fit of maps that may follow another fit.
-struct Maps<'a>(&'a dyn Progress);
-
-impl Progress for Maps<'_> {
-    fn report(&self, _: &'static str, done: u64, total: u64, note: &str) {
-        self.0.report("maps", done, total, note);
-    }
-
-    fn warn(&self, text: &str) {
-        self.0.warn(text);
-    }
-
-    fn note(&self, text: &str) {
-        self.0.note(text);
-    }
-
-    fn is_cancelled(&self) -> bool {
-        self.0.is_cancelled()
-    }
 }
 
 impl TracedMapsOptions {

@@ -75,11 +75,12 @@ impl<'a> Prepared<'a> {
         let without = settings.without;
         let shape = frame.shape;
         let mut features = Features::of(&frame.guides, without, shape.pixels(), plan);
-        let no_layer = match frame.variance {
-            Some(_) if without.has(Stage::Variance) => VARIANCE_LEFT_OUT,
+        let variance = frame.variance.filter(|_| !without.has(Stage::Variance));
+        let no_layer = match (frame.variance, variance) {
+            (Some(_), None) => VARIANCE_LEFT_OUT,
             _ => "no variance layer",
         };
-        let frame = &without.taken_from(frame);
+        let frame = &Frame { variance, ..*frame };
         let (mut sides, mut weight, holes) = plan.stage("holes", || {
             let (sides, weight, holes) = holes(frame);
             let why = format!("{holes} pixels with NaN or infinity");

@@ -1,6 +1,5 @@
 //! Stages that can be left out, to see what each brings.
 
-use super::frame::{Frame, Guides};
 use super::pipeline::Model;
 use std::fmt;
 
@@ -83,18 +82,6 @@ impl Stage {
             _ => true,
         }
     }
-
-    /// The frame without this input.
-    fn taken_from<'a>(self, frame: &Frame<'a>) -> Frame<'a> {
-        let g = frame.guides;
-        match self {
-            Self::Albedo => frame.with_guides(Guides { albedo: None, ..g }),
-            Self::Normal => frame.with_guides(Guides { normal: None, ..g }),
-            Self::Position => frame.with_guides(Guides { position: None, depth: None, ..g }),
-            Self::Variance => Frame { variance: None, ..*frame },
-            _ => *frame,
-        }
-    }
 }
 
 /// Some stages, each there or not.
@@ -112,12 +99,6 @@ impl Stages {
     /// Whether a stage is among them.
     pub fn has(self, stage: Stage) -> bool {
         self.0 & (1 << stage as u16) != 0
-    }
-
-    /// The frame without the inputs among them.
-    pub(crate) fn taken_from<'a>(self, frame: &Frame<'a>) -> Frame<'a> {
-        let out = Stage::ALL.into_iter().filter(|stage| self.has(*stage));
-        out.fold(*frame, |frame, stage| stage.taken_from(&frame))
     }
 }
 

@@ -14,6 +14,7 @@ mod verdict;
 mod views;
 mod wireframe;
 
+pub(crate) use page::grouped;
 pub use page::{count, counted};
 pub use recovery::{RecoveryReport, write_recovery_report};
 pub use verdict::{Likeness, Verdict};
@@ -160,8 +161,8 @@ fn header(o: &Outcome, info: &ReportInfo<'_>, light: &Scene, bytes_out: u64) -> 
         format!(
             "<p class=note><b>The file is too large</b>: {} bytes, the fewest that were found, where at most {} were asked for. It stands \
              in {}.</p>\n",
-            count(bytes_out as usize),
-            count(usize::try_from(most).unwrap_or(usize::MAX)),
+            grouped(bytes_out),
+            grouped(most),
             escape(&o.file.display().to_string())
         )
     });

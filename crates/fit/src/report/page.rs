@@ -37,6 +37,11 @@ pub(super) fn escape(text: &str) -> String {
 
 /// A count with separated thousands.
 pub fn count(n: usize) -> String {
+    grouped(n as u64)
+}
+
+/// A number with separated thousands.
+pub(crate) fn grouped(n: u64) -> String {
     let digits = n.to_string();
     let mut out = String::new();
     for (i, c) in digits.chars().enumerate() {

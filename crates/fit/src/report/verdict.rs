@@ -1,6 +1,6 @@
 //! The verdict of a report: does the light asset look like the asset?
 
-use super::{count, counted};
+use super::{counted, grouped};
 use crate::engine::judge::CLEAR_GAIN;
 use crate::simplify::{Appearance, FITTED, ORIGINAL, Outcome, Quality, StageQuality, Written};
 use crate::traced_maps::MapsCourse;
@@ -147,7 +147,7 @@ impl Verdict {
         };
         let traced = if self.traced { ", its maps fitted once more through the path tracer," } else { "" };
         if self.too_large {
-            let most = number(self.max_bytes.unwrap_or_default());
+            let most = grouped(self.max_bytes.unwrap_or_default());
             return Some(format!("written is {what}{traced}: nothing of at most {most} bytes was found"));
         }
         if self.compared && self.cut {
@@ -194,11 +194,7 @@ impl Verdict {
 
 /// A budget of bytes, in words.
 fn within(most: Option<u64>) -> String {
-    most.map_or_else(String::new, |most| format!(" within {} bytes", number(most)))
-}
-
-fn number(n: u64) -> String {
-    count(usize::try_from(n).unwrap_or(usize::MAX))
+    most.map_or_else(String::new, |most| format!(" within {} bytes", grouped(most)))
 }
 
 /// The stage with the highest PSNR among those beside the written file that are clearly better than the written file.

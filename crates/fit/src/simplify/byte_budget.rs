@@ -340,7 +340,7 @@ pub(super) fn told(scene: &Scene) -> String {
     let mut groups: Vec<(String, Vec<String>)> = Vec::new();
     for (k, image) in scene.images.iter().enumerate() {
         let how = one(k);
-        let name = match reader(k) {
+        let name = match readers[k] {
             Some(what) if readers.iter().filter(|r| **r == Some(what)).count() == 1 => what.to_owned(),
             what if image.name.is_empty() => what.map_or(format!("image {k}"), |what| format!("{what} {k}")),
             _ => format!("{:?}", image.name.chars().take(LONGEST_NAME).collect::<String>()),

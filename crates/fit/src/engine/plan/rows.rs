@@ -3,6 +3,7 @@
 use crate::engine::loss::{PictureLoss, Weights};
 use crate::engine::surface::COARSE_RATE;
 use crate::engine::trainer::{Measure, Phase};
+use crate::report::grouped;
 use photofit_raster::deferred::Passes;
 use photofit_raster::loss::Loss;
 use photofit_raster::{CHANNELS, channel};
@@ -204,8 +205,7 @@ pub(crate) fn opaque() -> String {
 
 /// The row of a budget of bytes; once the file is written with its bytes, and how textures and geometry are stored.
 pub(crate) fn bytes(most: u64, file: Option<(u64, &str, Compression)>) -> Item {
-    let count = |n: u64| crate::report::count(usize::try_from(n).unwrap_or(usize::MAX));
-    let most_told = count(most);
+    let most_told = grouped(most);
     let why = match file {
         None => format!(
             "at most {most_told}: textures, and where it is compressed geometry, are stored smaller as far as it needs"
@@ -216,7 +216,7 @@ pub(crate) fn bytes(most: u64, file: Option<(u64, &str, Compression)>) -> Item {
                 Compression::None => String::new(),
                 compressed => format!("geometry {}, ", compressed.name()),
             };
-            format!("{}{found} of at most {most_told}: {geometry}textures {textures}", count(bytes))
+            format!("{}{found} of at most {most_told}: {geometry}textures {textures}", grouped(bytes))
         }
     };
     Item { what: "bytes of the file", runs: Runs::Yes, why }

@@ -7,6 +7,7 @@ use super::triangles::{GEOMETRY, OTHER_PARTS, nearest};
 use super::{Budget, Made, Shapes, bytes_without_textures, coarsest};
 use crate::engine::plan::{Item, Runs};
 use crate::engine::reference::Reference;
+use crate::progress::AsStage;
 use crate::simplify::prepare::{Weights, importance, prepare};
 use crate::simplify::{Appearance, Asset, Effort, MIN_TRIANGLES, SimplifyOptions, dressed};
 use crate::{FitError, Progress};
@@ -28,9 +29,8 @@ struct Started {
     size: [f64; 2],
 }
 
-/// The row of the plan, and the stage of the progress.
+/// The row of the plan.
 const ROW: &str = "triangles by bytes";
-pub(in crate::simplify) const STAGE: &str = "triangles";
 
 /// The row of the plan before the work, where triangles follow from bytes.
 pub(in crate::simplify) fn planned(options: &SimplifyOptions, scene: &Scene) -> Option<Item> {
@@ -50,27 +50,6 @@ pub(in crate::simplify) fn planned(options: &SimplifyOptions, scene: &Scene) -> 
     Some(Item { what: ROW, runs, why: why.into() })
 }
 
-/// Progress of starts that are made to count triangles, as one stage.
-struct OfStarts<'a>(&'a dyn Progress);
-
-impl Progress for OfStarts<'_> {
-    fn report(&self, stage: &'static str, done: u64, total: u64, _: &str) {
-        self.0.report(STAGE, done, total, stage);
-    }
-
-    fn warn(&self, text: &str) {
-        self.0.warn(text);
-    }
-
-    fn note(&self, text: &str) {
-        self.0.note(text);
-    }
-
-    fn is_cancelled(&self) -> bool {
-        self.0.is_cancelled()
-    }
-}
-
 /// The options with as many triangles as look best within the bytes in starts of what is to be fitted, where triangles follow from bytes
 /// and do not all fit; and the row of the plan.
 ///
@@ -86,7 +65,7 @@ pub(in crate::simplify) fn counted(
         (Some(most), Target::Triangles(first))
             if options.triangles_by_bytes && !options.lacks_nothing(asset.scene) =>
         {
-            let progress = &OfStarts(progress);
+            let progress = &AsStage { progress, stage: "triangles", note: |stage, _| stage };
             Some(Budget { most, asset, reference, options, progress }.triangles_of_maps(first)?)
         }
         _ => None,
@@ -108,9 +87,10 @@ impl Budget<'_> {
         let Self { most, asset, options, progress, .. } = *self;
         let all = asset.scene.triangle_count();
         let parts = if options.appearance == Appearance::Maps { &PARTS } else { &[1.0][..] };
-        let tried = RefCell::new(vec![self.started(first)?]);
+        let seen = importance(asset.n, asset.visibility);
+        let tried = RefCell::new(vec![self.started(first, &seen)?]);
         let made = |triangles| {
-            let start = self.started(triangles)?;
+            let start = self.started(triangles, &seen)?;
             let size = start.size;
             tried.borrow_mut().push(start);
             Ok((tried.borrow().len() - 1, size))
@@ -162,12 +142,11 @@ impl Budget<'_> {
         }
     }
 
-    /// A start of at most so many triangles.
-    fn started(&self, triangles: usize) -> Result<Started, FitError> {
+    /// A start of at most so many triangles; those of the asset count as they are `seen`.
+    fn started(&self, triangles: usize, seen: &[f32]) -> Result<Started, FitError> {
         let Self { asset, options, progress, .. } = *self;
         let Asset { n, rays, visibility, .. } = asset;
-        let seen = importance(n, visibility);
-        let weights = (visibility, Weights { decimated: &seen, drawn: &[] });
+        let weights = (visibility, Weights { decimated: seen, drawn: &[] });
         // A single one is measured.
         let target = Target::Triangles(triangles);
         let options = SimplifyOptions { effort: Effort::Fast, target, ..options.clone() };
