@@ -269,7 +269,7 @@ pub(crate) struct Course {
 }
 
 impl Course {
-    pub(crate) fn keeping(&self) -> Checkpointing {
+    pub(crate) fn checkpointing(&self) -> Checkpointing {
         let Running { checkpoint, resume, .. } = &self.running;
         Checkpointing { checkpoint: checkpoint.clone(), resume: *resume, time_limit: self.time_limit }
     }

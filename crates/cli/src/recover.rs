@@ -44,7 +44,7 @@ fn texture(a: &RecoverTexture) -> Result<Ending> {
         loss: a.loss,
         device,
         seed: a.course.running.seed,
-        keeping: a.course.keeping(),
+        checkpointing: a.course.checkpointing(),
     };
     let mesh = photofit_scene::load(&a.mesh)?;
     places.check_against("--mesh", &mesh.files)?;

@@ -147,7 +147,7 @@ fn options(a: &RecoverMaterial, environment: Option<Image>) -> RecoverMaterialOp
         max_depth: a.max_depth,
         smoothing: a.traced.smoothing.map_or(RecoverMaterialOptions::default().smoothing, Into::into),
         seed: a.course.running.seed,
-        keeping: a.course.keeping(),
+        checkpointing: a.course.checkpointing(),
     }
 }
 

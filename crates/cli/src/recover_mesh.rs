@@ -62,7 +62,7 @@ pub(crate) fn run(a: &RecoverMesh) -> Result<Ending> {
         steps: a.steps,
         batch: a.course.batch,
         seed: a.course.running.seed,
-        keeping: a.course.keeping(),
+        checkpointing: a.course.checkpointing(),
     };
     interrupt::handle();
     let progress = Terminal::new();

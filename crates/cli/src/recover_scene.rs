@@ -71,7 +71,7 @@ pub(crate) fn run(a: &RecoverScene) -> Result<Ending> {
         steps: a.traced.steps,
         rate: a.traced.rate,
         seed: a.scene.seed,
-        keeping: Checkpointing {
+        checkpointing: Checkpointing {
             checkpoint: a.checkpoint.clone(),
             resume: a.resume,
             time_limit: a.time_limit,

@@ -116,7 +116,7 @@ fn options(a: &RecoverVolume) -> RecoverVolumeOptions {
         max_depth: a.max_depth,
         smoothing: a.traced.smoothing.map(Into::into).unwrap_or_default(),
         seed: a.course.running.seed,
-        keeping: a.course.keeping(),
+        checkpointing: a.course.checkpointing(),
     }
 }
 

@@ -56,7 +56,7 @@ pub(crate) fn run(a: &Retexture) -> Result<Ending> {
         lighting,
         seed: a.course.running.seed,
         device,
-        keeping: a.course.keeping(),
+        checkpointing: a.course.checkpointing(),
         ..RetextureOptions::default()
     };
     interrupt::handle();

@@ -253,8 +253,8 @@ pub fn simplify_chain(
     locks::check(scene, &options.fit, progress)?;
     let began = Instant::now();
     with_asset(scene, progress, |asset| {
-        let keeping = options.fit.keeping();
-        let mut chain = FitChain::new(&keeping, progress);
+        let checkpointing = options.fit.checkpointing();
+        let mut chain = FitChain::new(&checkpointing, progress);
         let (mut levels, mut failed) = (Vec::<Level>::new(), None);
         for k in 0..options.sizes.len() {
             if k > 0 && progress.is_cancelled() {
@@ -316,11 +316,11 @@ fn level(
     }
     fit.sane_target(asset.scene.triangle_count()).1.iter().for_each(|t| progress.warn(t));
     let path = level_path(output, k);
-    let outcome = chain.fit(count - k, progress, |keeping| {
+    let outcome = chain.fit(count - k, progress, |checkpointing| {
         let fit = SimplifyOptions {
-            checkpoint: keeping.checkpoint.clone(),
-            resume: keeping.resume,
-            time_limit: keeping.time_limit,
+            checkpoint: checkpointing.checkpoint.clone(),
+            resume: checkpointing.resume,
+            time_limit: checkpointing.time_limit,
             ..fit.clone()
         };
         simplify_asset(asset, from, &path, &fit, began, progress).map_err(of_chain)

@@ -51,7 +51,7 @@ pub struct RecoverOptions {
     /// Where the fit runs.
     pub device: Device,
     /// Checkpoints and limits.
-    pub keeping: Checkpointing,
+    pub checkpointing: Checkpointing,
 }
 
 impl Default for RecoverOptions {
@@ -63,7 +63,7 @@ impl Default for RecoverOptions {
             loss: None,
             seed: 0,
             device: Device::default(),
-            keeping: Checkpointing::default(),
+            checkpointing: Checkpointing::default(),
         }
     }
 }
@@ -166,7 +166,7 @@ pub fn recover_texture(
         fresh: options.batch.div_ceil(2),
         steps: options.steps,
         rival: None,
-        keeping: &options.keeping,
+        checkpointing: &options.checkpointing,
         fingerprint: Fingerprint::default()
             .option("texture_size", options.texture_size)
             .option("batch", options.batch)

@@ -72,7 +72,7 @@ pub struct RecoverMaterialOptions {
     /// Seed of all random choices.
     pub seed: u64,
     /// Checkpoints, one for each round ([`part_folder`](crate::engine::chain::part_folder)), and limits.
-    pub keeping: Checkpointing,
+    pub checkpointing: Checkpointing,
 }
 
 impl Default for RecoverMaterialOptions {
@@ -96,7 +96,7 @@ impl Default for RecoverMaterialOptions {
             max_depth: 4,
             smoothing: Smoothing::Laplacian,
             seed: 0,
-            keeping: Checkpointing::default(),
+            checkpointing: Checkpointing::default(),
         }
     }
 }
@@ -161,7 +161,7 @@ pub fn recover_material(
     let mut values: Option<Vec<Vec<f32>>> = None;
     let (mut items, mut phases, mut guides) = (Vec::new(), Vec::new(), Vec::new());
     let (mut made, mut resumed) = (0, 0);
-    let mut chain = FitChain::new(&options.keeping, progress);
+    let mut chain = FitChain::new(&options.checkpointing, progress);
     let (told, not_finite) = (Mutex::default(), NotFinite::default());
     let _told = not_finite.told_at_the_end(progress);
     let mut before = None;
@@ -171,7 +171,7 @@ pub fn recover_material(
         let name = format!("round {} of {}", round + 1, options.rounds);
         let shown = OfPart { progress, done, steps: options.steps, name, told: &told };
         let mut guide = None;
-        let fitted = chain.fit(1, &shown, |keeping| {
+        let fitted = chain.fit(1, &shown, |checkpointing| {
             let mut model = task.model(values.as_deref())?;
             model.not_finite = not_finite.clone();
             // Rounds have noise of their own: values follow that of the round before.
@@ -185,8 +185,12 @@ pub fn recover_material(
                 }
                 guide = model.guidance.report().cloned();
             }
-            let own =
-                RecoverSceneOptions { steps: end - done, rate: options.rate, seed, keeping: keeping.clone() };
+            let own = RecoverSceneOptions {
+                steps: end - done,
+                rate: options.rate,
+                seed,
+                checkpointing: checkpointing.clone(),
+            };
             recover_scene::fit(model, views, pictures, &own, &shown)
         });
         let r = match (fitted, before.take()) {

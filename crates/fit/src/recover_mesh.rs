@@ -61,7 +61,7 @@ pub struct RecoverMeshOptions {
     /// Where the fit runs.
     pub device: Device,
     /// Checkpoints and limits.
-    pub keeping: Checkpointing,
+    pub checkpointing: Checkpointing,
 }
 
 impl Default for RecoverMeshOptions {
@@ -74,7 +74,7 @@ impl Default for RecoverMeshOptions {
             batch: 2,
             seed: 0,
             device: Device::default(),
-            keeping: Checkpointing::default(),
+            checkpointing: Checkpointing::default(),
         }
     }
 }
@@ -152,7 +152,7 @@ pub fn recover_mesh(
     let held_out = photos.evaluation(options.seed)?;
     let fit = Fit { photos: &photos, held_out: &held_out, options };
     let mut phases = Vec::new();
-    let mut chain = FitChain::new(&options.keeping, progress);
+    let mut chain = FitChain::new(&options.checkpointing, progress);
     let (mut steps, mut stopped, mut device) = (0, false, options.device.clone());
     for level in 0..start.levels {
         if level > 0 {
@@ -160,8 +160,9 @@ pub fn recover_mesh(
         }
         model.optimizer = options.optimizer;
         model.smoothness = PositionOptimizer::for_vertices(model.candidate.positions.len());
-        let (trained, ran, rows) = chain
-            .fit(1, progress, |keeping| fit.level(model.clone(), (level, start.levels), keeping, progress))?;
+        let (trained, ran, rows) = chain.fit(1, progress, |checkpointing| {
+            fit.level(model.clone(), (level, start.levels), checkpointing, progress)
+        })?;
         device = ran;
         chain.add(&trained.history, fit.steps(level, start.levels));
         phases.extend(rows.ended(trained.reached()).phases);
@@ -237,7 +238,7 @@ impl Fit<'_> {
         &self,
         model: Surface,
         (level, levels): (u32, u32),
-        keeping: &Checkpointing,
+        checkpointing: &Checkpointing,
         progress: &dyn Progress,
     ) -> Result<(Trained<Surface>, Device, PlanRows), FitError> {
         let Self { photos, held_out, options } = self;
@@ -256,7 +257,7 @@ impl Fit<'_> {
             fresh: options.batch.div_ceil(2),
             steps,
             rival: None,
-            keeping,
+            checkpointing,
             fingerprint: Fingerprint::default()
                 .option("optimizer", options.optimizer.name())
                 .option("triangles", options.triangles)

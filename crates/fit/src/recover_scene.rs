@@ -46,12 +46,12 @@ pub struct RecoverSceneOptions {
     /// Seed of the order of views; that of pictures and gradients is [`Traced::options`]'.
     pub seed: u64,
     /// Checkpoints and limits.
-    pub keeping: Checkpointing,
+    pub checkpointing: Checkpointing,
 }
 
 impl Default for RecoverSceneOptions {
     fn default() -> Self {
-        Self { steps: 200, rate: 0.05, seed: 0, keeping: Checkpointing::default() }
+        Self { steps: 200, rate: 0.05, seed: 0, checkpointing: Checkpointing::default() }
     }
 }
 
@@ -183,7 +183,7 @@ pub(crate) fn fit(
         fresh: source.fitted().min(MOST_OF_A_STEP).div_ceil(2),
         steps: options.steps,
         rival: None,
-        keeping: &options.keeping,
+        checkpointing: &options.checkpointing,
         fingerprint,
     };
     let rate =

@@ -74,7 +74,7 @@ pub struct RecoverVolumeOptions {
     /// Seed of all random choices.
     pub seed: u64,
     /// Checkpoints, one for each grid ([`part_folder`](crate::engine::chain::part_folder)), and limits.
-    pub keeping: Checkpointing,
+    pub checkpointing: Checkpointing,
 }
 
 impl Default for RecoverVolumeOptions {
@@ -92,7 +92,7 @@ impl Default for RecoverVolumeOptions {
             max_depth: 16,
             smoothing: Smoothing::default(),
             seed: 0,
-            keeping: Checkpointing::default(),
+            checkpointing: Checkpointing::default(),
         }
     }
 }
@@ -182,7 +182,7 @@ pub fn recover_volume(
     let mut grid = Grid::start(size_of(&bounds, longest[0]), &bounds, options.albedo);
     let (mut grids, mut plan) = (Vec::new(), PlanRows::default());
     let (mut made, mut resumed) = (0, 0);
-    let mut chain = FitChain::new(&options.keeping, progress);
+    let mut chain = FitChain::new(&options.checkpointing, progress);
     let (told, not_finite) = (Mutex::default(), NotFinite::default());
     let _told = not_finite.told_at_the_end(progress);
     for (level, side) in longest.iter().enumerate() {
@@ -192,11 +192,11 @@ pub fn recover_volume(
         let [x, y, z] = grid.size;
         let name = format!("{x} x {y} x {z} voxels");
         let shown = OfPart { progress, done, steps: options.steps, name, told: &told };
-        let r = chain.fit(1, &shown, |keeping| {
+        let r = chain.fit(1, &shown, |checkpointing| {
             let mut model = grid.model(surroundings, &bounds, options, [first.width, first.height])?;
             model.not_finite = not_finite.clone();
-            let (rate, seed, keeping) = (options.rate, options.seed, keeping.clone());
-            let own = RecoverSceneOptions { steps: end - done, rate, seed, keeping };
+            let (rate, seed, checkpointing) = (options.rate, options.seed, checkpointing.clone());
+            let own = RecoverSceneOptions { steps: end - done, rate, seed, checkpointing };
             recover_scene::fit(model, views, pictures, &own, &shown)
         })?;
         grids.push((done, *side));

@@ -62,7 +62,7 @@ pub struct RetextureOptions {
     /// Where the fit runs.
     pub device: Device,
     /// Checkpoints and limits.
-    pub keeping: Checkpointing,
+    pub checkpointing: Checkpointing,
 }
 
 impl Default for RetextureOptions {
@@ -78,7 +78,7 @@ impl Default for RetextureOptions {
             seed: 0,
             report_views: 8,
             device: Device::default(),
-            keeping: Checkpointing::default(),
+            checkpointing: Checkpointing::default(),
         }
     }
 }
@@ -182,7 +182,7 @@ pub fn retexture(
         fresh: options.batch.div_ceil(2),
         steps,
         rival: None,
-        keeping: &options.keeping,
+        checkpointing: &options.checkpointing,
         fingerprint: fingerprint(options, &n, &model.surface().candidate, [&own, &theirs])?,
     };
     let mut plan = PlanRows::default();

@@ -48,7 +48,7 @@ pub struct TracedMapsOptions {
     /// Seed of all draws.
     pub seed: u64,
     /// Checkpoints and limits.
-    pub keeping: Checkpointing,
+    pub checkpointing: Checkpointing,
 }
 
 impl Default for TracedMapsOptions {
@@ -64,7 +64,7 @@ impl Default for TracedMapsOptions {
             new_map: None,
             lighting: Lighting::default(),
             seed: 0,
-            keeping: Checkpointing::default(),
+            checkpointing: Checkpointing::default(),
         }
     }
 }
@@ -164,7 +164,7 @@ pub fn traced_maps(
         fresh: options.batch.div_ceil(2),
         steps: options.steps,
         rival: None,
-        keeping: &options.keeping,
+        checkpointing: &options.checkpointing,
         fingerprint: fingerprint(options, &light),
     };
     // It may follow another fit.

@@ -202,7 +202,7 @@ fn a_displacement_map_joins_the_engine_from_outside() -> Result<(), FitError> {
         fresh: 1,
         steps: STEPS,
         rival: None,
-        keeping: &Checkpointing::default(),
+        checkpointing: &Checkpointing::default(),
         fingerprint: Fingerprint::default(),
     };
     let phases = |_| {

@@ -154,7 +154,7 @@ pub(crate) struct TracedCourse {
 }
 
 impl TracedCourse {
-    pub(crate) fn keeping(&self) -> Checkpointing {
+    pub(crate) fn checkpointing(&self) -> Checkpointing {
         let Running { checkpoint, resume, .. } = &self.running;
         Checkpointing { checkpoint: checkpoint.clone(), resume: *resume, time_limit: self.time_limit }
     }

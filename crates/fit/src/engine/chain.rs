@@ -29,7 +29,7 @@ pub fn checkpoint_files(parts: usize) -> Vec<String> {
 /// A chain on its way.
 #[derive(Debug)]
 pub(crate) struct FitChain<'a> {
-    keeping: &'a Checkpointing,
+    checkpointing: &'a Checkpointing,
     /// Parts that are done.
     part: usize,
     /// What is left of the time limit.
@@ -45,12 +45,12 @@ pub(crate) struct FitChain<'a> {
 impl<'a> FitChain<'a> {
     /// A chain at its start. Unless it goes on from checkpoints, those of all parts but the first are set aside; the first
     /// one is by its fit.
-    pub(crate) fn new(keeping: &'a Checkpointing, progress: &dyn Progress) -> Self {
-        if let Some(folder) = keeping.checkpoint.as_ref().filter(|_| !keeping.resume) {
+    pub(crate) fn new(checkpointing: &'a Checkpointing, progress: &dyn Progress) -> Self {
+        if let Some(folder) = checkpointing.checkpoint.as_ref().filter(|_| !checkpointing.resume) {
             (1..MOST_PARTS).for_each(|part| checkpoint::set_aside(&part_folder(folder, part), progress));
         }
-        let (left, began) = (keeping.time_limit, Instant::now());
-        Self { keeping, part: 0, left, began, steps: 0, history: Vec::new() }
+        let (left, began) = (checkpointing.time_limit, Instant::now());
+        Self { checkpointing, part: 0, left, began, steps: 0, history: Vec::new() }
     }
 
     /// Fits the next part by `fit`, which may take a `share`-th of the time that is left; all but the first by
@@ -65,10 +65,10 @@ impl<'a> FitChain<'a> {
         mut fit: impl FnMut(&Checkpointing) -> Result<T, FitError>,
     ) -> Result<T, FitError> {
         self.began = Instant::now();
-        let checkpoint = self.keeping.checkpoint.as_ref().map(|folder| part_folder(folder, self.part));
+        let checkpoint = self.checkpointing.checkpoint.as_ref().map(|folder| part_folder(folder, self.part));
         let time_limit = self.left.map(|l| l / share.max(1) as u32);
-        let keeping = Checkpointing { checkpoint, resume: self.keeping.resume, time_limit };
-        if self.part == 0 { fit(&keeping) } else { fit_after_another(keeping, progress, fit) }
+        let checkpointing = Checkpointing { checkpoint, resume: self.checkpointing.resume, time_limit };
+        if self.part == 0 { fit(&checkpointing) } else { fit_after_another(checkpointing, progress, fit) }
     }
 
     /// Adds the course of the part that [`Self::fit`] gave, whose schedule has `steps` steps.
@@ -141,16 +141,17 @@ impl Progress for OfPart<'_> {
 /// # Errors
 /// Those of `fit`.
 pub(crate) fn fit_after_another<T>(
-    keeping: Checkpointing,
+    checkpointing: Checkpointing,
     progress: &dyn Progress,
     mut fit: impl FnMut(&Checkpointing) -> Result<T, FitError>,
 ) -> Result<T, FitError> {
-    let begun = keeping.checkpoint.as_ref().is_some_and(|folder| folder.join(checkpoint::FILE).exists());
-    let keeping = Checkpointing { resume: keeping.resume && begun, ..keeping };
-    match fit(&keeping) {
-        Err(e @ (FitError::Checkpoint { .. } | FitError::OtherFit { .. })) if keeping.resume => {
+    let begun =
+        checkpointing.checkpoint.as_ref().is_some_and(|folder| folder.join(checkpoint::FILE).exists());
+    let checkpointing = Checkpointing { resume: checkpointing.resume && begun, ..checkpointing };
+    match fit(&checkpointing) {
+        Err(e @ (FitError::Checkpoint { .. } | FitError::OtherFit { .. })) if checkpointing.resume => {
             progress.warn(&format!("{e}; this part of the fit begins anew"));
-            fit(&Checkpointing { resume: false, ..keeping })
+            fit(&Checkpointing { resume: false, ..checkpointing })
         }
         result => result,
     }
@@ -167,9 +168,9 @@ mod tests {
 
     #[test]
     fn histories_go_on_in_steps_and_seconds() {
-        let keeping =
+        let checkpointing =
             Checkpointing { time_limit: Some(Duration::from_secs(100)), ..Checkpointing::default() };
-        let mut chain = FitChain::new(&keeping, &Silent);
+        let mut chain = FitChain::new(&checkpointing, &Silent);
         chain.add(&[point(0, 0.5), point(25, 2.0)], 40);
         chain.add(&[point(0, 0.25), point(25, 1.0)], 60);
         assert!(chain.left.is_some_and(|l| l > Duration::from_secs(96)), "{:?}", chain.left);
@@ -186,12 +187,12 @@ mod tests {
             std::fs::create_dir_all(part_folder(dir.path(), part)).unwrap();
             std::fs::write(file(part), "old").unwrap();
         }
-        let mut keeping =
+        let mut checkpointing =
             Checkpointing { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
-        FitChain::new(&keeping, &Silent);
+        FitChain::new(&checkpointing, &Silent);
         assert!((0..3).all(|k| file(k).exists()), "a chain that goes on keeps them");
-        keeping.resume = false;
-        FitChain::new(&keeping, &Silent);
+        checkpointing.resume = false;
+        FitChain::new(&checkpointing, &Silent);
         assert_eq!([0, 1, 2].map(|k| file(k).exists()), [true, false, false]);
         assert_eq!(checkpoint_files(3), ["fit.ckpt", "part1/fit.ckpt", "part2/fit.ckpt"]);
     }
@@ -199,8 +200,9 @@ mod tests {
     #[test]
     fn a_part_goes_on_only_from_what_it_left() {
         let dir = tempfile::tempdir().unwrap();
-        let keeping = Checkpointing { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
-        let mut chain = FitChain::new(&keeping, &Silent);
+        let checkpointing =
+            Checkpointing { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
+        let mut chain = FitChain::new(&checkpointing, &Silent);
         let resumes = |chain: &mut FitChain<'_>| chain.fit(1, &Silent, |k| Ok(k.resume)).unwrap();
         assert!(resumes(&mut chain), "a user who asks for it is told that there is nothing");
         chain.add(&[], 1);

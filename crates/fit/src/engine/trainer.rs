@@ -90,7 +90,7 @@ pub struct Job<'a> {
     /// all at the earliest.
     pub rival: Option<f64>,
     /// Checkpoints and limits.
-    pub keeping: &'a Checkpointing,
+    pub checkpointing: &'a Checkpointing,
     /// The options that the result depends on: a checkpoint of other ones is refused.
     pub fingerprint: Fingerprint,
 }
@@ -395,7 +395,7 @@ impl<M: Model> Trainer<'_, M> {
     /// Runs a phase to its end; true when the user or the time limit stopped it.
     fn run(&mut self, phase: &Phase<'_, M::Asset>, progress: &dyn Progress) -> Result<bool, FitError> {
         while self.course.step < phase.end() {
-            let over = self.job.keeping.time_limit.is_some_and(|l| self.start.elapsed() >= l);
+            let over = self.job.checkpointing.time_limit.is_some_and(|l| self.start.elapsed() >= l);
             if over || progress.is_cancelled() {
                 return Ok(true);
             }
@@ -521,7 +521,7 @@ impl<M: Model> Trainer<'_, M> {
     /// Writes a checkpoint if one is wanted. A disk that refuses it does not end the fit: the user is told, and the next
     /// one is tried.
     fn save(&mut self, progress: &dyn Progress) -> Result<(), FitError> {
-        let Some(folder) = &self.job.keeping.checkpoint else { return Ok(()) };
+        let Some(folder) = &self.job.checkpointing.checkpoint else { return Ok(()) };
         self.take_losses()?;
         progress.report("checkpoint", self.course.step, self.job.steps, "");
         let snapshots = (0..self.groups.len()).map(|g| self.model.snapshot(g)).collect::<Result<Vec<_>, _>>();
@@ -548,7 +548,7 @@ impl<M: Model> Trainer<'_, M> {
 
     /// What remains when the fit breaks.
     fn kept(&self) -> String {
-        match (self.saved, &self.job.keeping.checkpoint) {
+        match (self.saved, &self.job.checkpointing.checkpoint) {
             (Some(step), Some(folder)) => {
                 format!("the checkpoint of step {step} in {} is unchanged", folder.display())
             }
@@ -558,9 +558,9 @@ impl<M: Model> Trainer<'_, M> {
 
     /// Goes on from the checkpoint, if the job asks for it and there is one.
     fn restore(&mut self, progress: &dyn Progress) -> Result<(), FitError> {
-        let keeping = self.job.keeping;
-        let Some(folder) = &keeping.checkpoint else { return Ok(()) };
-        if !keeping.resume {
+        let checkpointing = self.job.checkpointing;
+        let Some(folder) = &checkpointing.checkpoint else { return Ok(()) };
+        if !checkpointing.resume {
             checkpoint::set_aside(folder, progress);
             return Ok(());
         }

@@ -224,9 +224,9 @@ fn recovery_resumes_and_checks_its_options() {
     let checkpoint = Some(dir.path().join("state"));
     let kept =
         Checkpointing { checkpoint, resume: true, time_limit: Some(std::time::Duration::from_nanos(1)) };
-    file(&RecoverOptions { keeping: kept.clone(), ..short.clone() }).unwrap();
+    file(&RecoverOptions { checkpointing: kept.clone(), ..short.clone() }).unwrap();
     let kept = Checkpointing { time_limit: None, ..kept };
-    assert!(file(&RecoverOptions { keeping: kept, ..short }).unwrap() == whole);
+    assert!(file(&RecoverOptions { checkpointing: kept, ..short }).unwrap() == whole);
     let error = file(&RecoverOptions { batch: 0, ..options() }).unwrap_err().to_string();
     assert_eq!(error, "batch is 0; it must be 1 to 64");
 }
@@ -236,8 +236,9 @@ fn a_fit_that_ends_before_its_first_step_says_so() {
     let dir = tempfile::tempdir().unwrap();
     let scene = sphere(true);
     photograph(&scene, dir.path(), false);
-    let keeping = Checkpointing { time_limit: Some(std::time::Duration::ZERO), ..Checkpointing::default() };
-    let ended = RecoverOptions { keeping, ..options() };
+    let checkpointing =
+        Checkpointing { time_limit: Some(std::time::Duration::ZERO), ..Checkpointing::default() };
+    let ended = RecoverOptions { checkpointing, ..options() };
     let r = recover_texture(dir.path(), &scene, &dir.path().join("out.glb"), &ended, &Silent).unwrap();
     assert!(r.steps == 0 && r.plan.phases.is_empty(), "{}", r.plan);
     for what in ["map gradients", "emission gradients", "logarithmic loss"] {

@@ -150,8 +150,9 @@ fn a_stopped_guided_fit_goes_on_to_the_same_bits() {
     let dir = tempfile::tempdir().unwrap();
     let guiding = GuidingOptions { least_gain: 0.0, ..guiding(Guiding::Flow) };
     let run = |folder: Option<&Path>, resume, stop: usize, threads: usize| {
-        let keeping = Checkpointing { checkpoint: folder.map(Path::to_owned), resume, time_limit: None };
-        let options = RecoverMaterialOptions { guiding, steps: 20, keeping, ..options() };
+        let checkpointing =
+            Checkpointing { checkpoint: folder.map(Path::to_owned), resume, time_limit: None };
+        let options = RecoverMaterialOptions { guiding, steps: 20, checkpointing, ..options() };
         let stop = Stop(AtomicUsize::new(0), stop);
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| recover_material(&asset, &known.views, &known.pictures, &options, &stop)).unwrap()

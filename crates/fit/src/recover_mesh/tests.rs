@@ -132,36 +132,40 @@ fn recovery_resumes_to_the_same_bytes() {
     let (_, whole) = file(&short).unwrap();
     let checkpoint = Some(dir.path().join("state"));
     let kept = Checkpointing { checkpoint, resume: false, time_limit: None };
-    let (_, same) = file(&RecoverMeshOptions { keeping: kept.clone(), ..short.clone() }).unwrap();
-    assert!(same == whole, "keeping a checkpoint changes nothing");
+    let (_, same) = file(&RecoverMeshOptions { checkpointing: kept.clone(), ..short.clone() }).unwrap();
+    assert!(same == whole, "a checkpoint changes nothing");
     // As if it had been interrupted after the first level.
     std::fs::remove_dir_all(dir.path().join("state").join("part1")).unwrap();
     let kept = Checkpointing { resume: true, ..kept };
-    let (_, resumed) = file(&RecoverMeshOptions { keeping: kept.clone(), ..short.clone() }).unwrap();
+    let (_, resumed) = file(&RecoverMeshOptions { checkpointing: kept.clone(), ..short.clone() }).unwrap();
     assert!(resumed == whole, "resumed at the second level");
     // Stopped at once, then resumed.
     std::fs::remove_dir_all(dir.path().join("state")).unwrap();
     let brief = Checkpointing { time_limit: Some(std::time::Duration::from_nanos(1)), ..kept.clone() };
-    let (stopped, early) = file(&RecoverMeshOptions { keeping: brief, ..short.clone() }).unwrap();
+    let (stopped, early) = file(&RecoverMeshOptions { checkpointing: brief, ..short.clone() }).unwrap();
     assert!(stopped && early != whole);
-    let resume = |options| file(&RecoverMeshOptions { keeping: kept.clone(), ..options });
+    let resume = |options| file(&RecoverMeshOptions { checkpointing: kept.clone(), ..options });
     assert!(resume(short.clone()).unwrap().1 == whole, "resumed at the start");
     // In the used folder, with other options, stopped at once, then resumed.
     let batch = RecoverMeshOptions { batch: 1, ..short.clone() };
     let anew =
         Checkpointing { resume: false, time_limit: Some(std::time::Duration::from_nanos(1)), ..kept.clone() };
-    file(&RecoverMeshOptions { keeping: anew, ..batch.clone() }).unwrap();
+    file(&RecoverMeshOptions { checkpointing: anew, ..batch.clone() }).unwrap();
     assert!(resume(batch.clone()).unwrap().1 == file(&batch).unwrap().1, "an older fit is in nobody's way");
-    file(&RecoverMeshOptions { keeping: Checkpointing { resume: false, ..kept.clone() }, ..short.clone() })
-        .unwrap();
+    file(&RecoverMeshOptions {
+        checkpointing: Checkpointing { resume: false, ..kept.clone() },
+        ..short.clone()
+    })
+    .unwrap();
     let other = resume(RecoverMeshOptions { optimizer: PositionOptimizer::Adam, ..short }).unwrap_err();
     assert!(other.to_string().contains("optimizer was bilateral and is adam"), "{other}");
 }
 
 #[test]
 fn a_fit_that_ends_before_its_first_step_says_so() {
-    let keeping = Checkpointing { time_limit: Some(std::time::Duration::ZERO), ..Checkpointing::default() };
-    let ended = RecoverMeshOptions { keeping, ..options(PositionOptimizer::LargeSteps) };
+    let checkpointing =
+        Checkpointing { time_limit: Some(std::time::Duration::ZERO), ..Checkpointing::default() };
+    let ended = RecoverMeshOptions { checkpointing, ..options(PositionOptimizer::LargeSteps) };
     let (r, _) = recovered(&scene(shapes::cube()), &ended);
     assert!(r.steps == 0 && r.plan.phases.is_empty(), "{}", r.plan);
     for what in ["position gradients", "map gradients", "loss"] {

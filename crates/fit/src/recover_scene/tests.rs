@@ -121,8 +121,8 @@ fn colours_light_and_texture_are_found_again() {
 fn the_plan_tells_the_steps_that_were_made() {
     let target = model(Smoothing::Laplacian).picture(&view(), 4, 99).expect("rendered");
     for (limit, made) in [(None, 2), (Some(Duration::ZERO), 0)] {
-        let keeping = Checkpointing { time_limit: limit, ..Checkpointing::default() };
-        let options = RecoverSceneOptions { steps: 2, keeping, ..RecoverSceneOptions::default() };
+        let checkpointing = Checkpointing { time_limit: limit, ..Checkpointing::default() };
+        let options = RecoverSceneOptions { steps: 2, checkpointing, ..RecoverSceneOptions::default() };
         let r = recover_scene(
             model(Smoothing::Laplacian),
             &[view()],

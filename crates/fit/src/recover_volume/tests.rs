@@ -107,8 +107,8 @@ impl Progress for Stopping {
 fn stopped_fits_go_on_to_the_same_bits() {
     let views: Vec<View> = (0..4).map(view).collect();
     let pictures = pictures(&views);
-    let run = |keeping, progress: &dyn Progress| {
-        let options = RecoverVolumeOptions { keeping, ..options(16, 60) };
+    let run = |checkpointing, progress: &dyn Progress| {
+        let options = RecoverVolumeOptions { checkpointing, ..options(16, 60) };
         recover_volume(&surroundings(), &views, &pictures, &options, progress).expect("found")
     };
     let whole = run(Checkpointing::default(), &Silent);
@@ -130,8 +130,8 @@ fn stopped_fits_go_on_to_the_same_bits() {
 fn a_fit_in_a_used_folder_that_is_stopped_goes_on_as_itself() {
     let views: Vec<View> = (0..4).map(view).collect();
     let pictures = pictures(&views);
-    let run = |rate: f64, keeping, progress: &dyn Progress| {
-        let options = RecoverVolumeOptions { rate, keeping, ..options(16, 40) };
+    let run = |rate: f64, checkpointing, progress: &dyn Progress| {
+        let options = RecoverVolumeOptions { rate, checkpointing, ..options(16, 40) };
         recover_volume(&surroundings(), &views, &pictures, &options, progress).expect("found")
     };
     let dir = tempfile::tempdir().expect("a folder");

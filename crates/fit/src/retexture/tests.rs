@@ -277,8 +277,9 @@ fn a_bake_that_no_fit_improves_is_written() {
 #[test]
 fn a_fit_that_ends_at_once_says_so() {
     let dir = tempfile::tempdir().unwrap();
-    let keeping = Checkpointing { time_limit: Some(std::time::Duration::ZERO), ..Checkpointing::default() };
-    let ended = RetextureOptions { resolution: 32, steps: 5, keeping, ..options() };
+    let checkpointing =
+        Checkpointing { time_limit: Some(std::time::Duration::ZERO), ..Checkpointing::default() };
+    let ended = RetextureOptions { resolution: 32, steps: 5, checkpointing, ..options() };
     let r = retexture(&arm(24, 32), &light(), &dir.path().join("arm.glb"), &ended, &Silent).unwrap();
     assert!(r.steps == 0 && r.plan.phases.is_empty(), "{}", r.plan);
     let row = r.plan.items.iter().find(|i| i.what == "map gradients").unwrap();
@@ -515,7 +516,7 @@ fn a_moment_that_turns_triangles_inside_out_is_refused_before_work() {
 fn a_checkpoint_of_other_poses_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("x.glb");
-    let keeping = |resume| Checkpointing {
+    let checkpointing = |resume| Checkpointing {
         checkpoint: Some(dir.path().join("state")),
         resume,
         ..Checkpointing::default()
@@ -525,7 +526,7 @@ fn a_checkpoint_of_other_poses_is_refused() {
         steps: 2,
         report_views: 2,
         moments: moments.clone(),
-        keeping: keeping(resume),
+        checkpointing: checkpointing(resume),
         ..options()
     };
     retexture(&arm(6, 8), &light(), &file, &o(false), &Silent).unwrap();

@@ -1,9 +1,10 @@
 //! Which candidate goes on: the start of the fit, and what is written.
 
 use super::byte_budget::Shapes;
+use super::outcome::tell_detail;
 use super::prepare::{Start, bake_candidate};
 use super::rival::Rival;
-use super::{Asset, SimplifyOptions, Written, plain};
+use super::{Appearance, Asset, SimplifyOptions, Written, plain};
 use crate::bake;
 use crate::candidate::Candidate;
 use crate::engine::Normalised;
@@ -53,7 +54,7 @@ pub(super) fn best_start(starts: &[Start], held_out: &HeldOut) -> (usize, StartQ
     })
 }
 
-/// What is written.
+/// What is written; [`super::finish`] makes a file of it.
 pub(super) struct Chosen {
     /// The fit, or a start that looked better.
     pub(super) trained: Trained<Surface>,
@@ -72,6 +73,21 @@ pub(super) struct Chosen {
     pub(super) plain: Option<Stage>,
     /// How sure the choice is; `None` where it was cut.
     pub(super) certainty: Option<Certainty>,
+}
+
+impl Chosen {
+    /// Warns of what it lacks that was to be expected.
+    pub(super) fn warn(&self, n: &Normalised, options: &SimplifyOptions, progress: &dyn Progress) {
+        if options.appearance == Appearance::VertexColors && !self.written.has_own_surface() {
+            tell_detail(&self.trained.model.candidate, n, progress);
+        }
+        if self.trained.behind.is_some() && self.written != Written::Decimated && self.plain.is_some() {
+            progress.warn(
+                "the fit ended early, far behind the asset's own materials on as many triangles, which yet look worse in the \
+                 views of the choice; without them as a choice (new maps) it makes all of its steps",
+            );
+        }
+    }
 }
 
 /// The fit judged itself by its own renderer; the choice among the fitted asset, the same with maps baked anew, the

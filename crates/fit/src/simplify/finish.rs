@@ -5,32 +5,19 @@ use super::byte_budget::{Budget, Made, Shapes};
 use super::choice::Chosen;
 use super::through_path::{TracedMaps, fit_maps};
 use super::{Asset, SimplifyOptions, Written, dressed};
-use crate::engine::judge::{Certainty, Stage};
-use crate::engine::plan::Item;
 use crate::engine::reference::Reference;
-use crate::engine::surface::Surface;
-use crate::engine::trainer::Trained;
 use crate::{FitError, Progress};
 use photofit_scene::{Compression, Scene};
 use std::time::Duration;
 
 /// What is written, and how it came about.
 pub(super) struct Finished {
-    pub(super) trained: Trained<Surface>,
-    pub(super) light: Scene,
+    /// What was chosen, as it is written.
+    pub(super) chosen: Chosen,
     /// How its geometry is stored.
     pub(super) compression: Compression,
-    pub(super) written: Written,
-    /// What was fitted, where something else is written.
-    pub(super) fitted: Option<Scene>,
     /// What came of the fit of its maps through the path tracer.
     pub(super) traced_maps: TracedMaps,
-    /// The asset with its own materials on as many triangles, where something was compared with it.
-    pub(super) plain: Option<Stage>,
-    /// As [`Chosen::certainty`]; within a budget of bytes the files are compared once more.
-    pub(super) certainty: Option<Certainty>,
-    /// As [`Chosen::decimation`].
-    pub(super) decimation: Option<Item>,
     /// Whether the work was ended while what could be written was compared.
     pub(super) cut: bool,
 }
@@ -39,16 +26,16 @@ pub(super) struct Finished {
 /// among what that was chosen from: each is made to fit, and what looks best then is written. `spent` is the time of the fit.
 pub(super) fn finish(
     asset: Asset<'_>,
-    chosen: Chosen,
+    mut chosen: Chosen,
     spent: Duration,
     reference: &dyn Reference,
     options: &SimplifyOptions,
     progress: &dyn Progress,
 ) -> Result<Finished, FitError> {
-    let Chosen { trained, light: new, written: was, mut fitted, own, decimation, plain, certainty } = chosen;
-    let with_maps =
-        |light, written| fit_maps(asset, light, (written, trained.stopped, spent), options, progress);
-    let compared = plain.is_some();
+    let (new, was, own) = (std::mem::take(&mut chosen.light), chosen.written, chosen.own.take());
+    let stopped = chosen.trained.stopped;
+    let with_maps = |light, written| fit_maps(asset, light, (written, stopped, spent), options, progress);
+    let compared = chosen.plain.is_some();
     let ((light, compression, written, traced_maps), cut) = match options.max_bytes {
         None => {
             let (light, course) = with_maps(new, was);
@@ -61,23 +48,17 @@ pub(super) fn finish(
             ((made.scene, made.compression, written, course), cut)
         }
     };
-    let cut = compared && (certainty.is_none() || cut);
-    // Within a budget of bytes the file is not as it was fitted.
-    if was == Written::Fitted && options.max_bytes.is_some() {
-        fitted = Some(options.exported(&trained.model.candidate, asset.n));
+    let cut = compared && (chosen.certainty.is_none() || cut);
+    if options.max_bytes.is_some() {
+        // The file is not as it was fitted, and was compared once more.
+        if was == Written::Fitted {
+            chosen.fitted = Some(options.exported(&chosen.trained.model.candidate, asset.n));
+        }
+        chosen.certainty = None;
     }
-    Ok(Finished {
-        trained,
-        light,
-        compression,
-        written,
-        fitted,
-        traced_maps,
-        plain,
-        certainty: certainty.filter(|_| options.max_bytes.is_none()),
-        decimation,
-        cut,
-    })
+    chosen.decimation = chosen.decimation.filter(|_| written == Written::Decimated);
+    (chosen.light, chosen.written) = (light, written);
+    Ok(Finished { chosen, compression, traced_maps, cut })
 }
 
 /// The better of the files within a budget that the asset with `new` maps and that with its `own` materials come to; what that is; and how

@@ -1,11 +1,8 @@
 //! An asset with its own texture coordinates, materials and textures on fewer triangles, in place of a fit.
 
 use super::byte_budget::Budget;
-use super::outcome::Times;
-use super::{
-    Appearance, Asset, FILE, ORIGINAL, Outcome, SimplifyOptions, Written, appearance, byte_budget, dressed,
-    options, outcome, plain, prepare, stages_beside,
-};
+use super::delivery::Delivery;
+use super::{Appearance, Asset, Outcome, SimplifyOptions, Written, appearance, dressed, options, plain};
 use crate::candidate::{Candidate, SurfaceClass};
 use crate::engine::FitFrame;
 use crate::engine::judge::Stage;
@@ -61,27 +58,12 @@ pub(super) fn simplify(
         }
     };
     let cut = progress.is_cancelled();
-    let textures = byte_budget::told(&light);
-    let (path, bytes) = outcome::save(output, (&light, compression), options)?;
-    let to_file = began.elapsed().as_secs_f64();
-    let written = photofit_scene::load(&path)?;
-    let mut stages = Vec::new();
-    if options.as_engine && !options.is_judged_by_path_tracing(scene) {
-        stages.push(Stage::new(ORIGINAL, scene.clone()));
-    }
-    stages.push(Stage::new(FILE, written));
-    let judge = options.judge_of(scene, n, reference);
-    let views = judge.views(&stages, options.report_views, progress)?;
-    let told = options.judgement(given).made(views.len(), stages_beside(&stages));
-    let plan = options.plan(given, reference.kind()).with_judgement(told);
-    let written = &stages[stages.len() - 1].scene;
-    let triangles = [scene.triangle_count(), written.triangle_count()];
-    let plan = plan.with_result(Written::Kept, [0; 2], (None, false)).with_triangles(triangles);
-    let plan = plan.with_decimation(Some(decimation));
-    let plan = plan.with_bytes(options.max_bytes, Some((bytes, &textures, compression)));
-    let stopped = progress.is_cancelled();
-    let shape = stand_in(written, n.frame());
-    let fitted = SurfacePlan::new(&shape, options.asked(reference.kind()));
+    let delivery = Delivery { asset, reference, options, output, began, progress };
+    let file = delivery.deliver((&light, compression), Written::Kept, Vec::new())?;
+    let plan = delivery.told(options.plan(given, reference.kind()), &file);
+    let plan = plan.with_result(Written::Kept, [0; 2], (None, false)).with_decimation(Some(decimation));
+    let shape = stand_in(file.file(), n.frame());
+    let fitted = SurfacePlan::new(&shape, options.fit_request(reference.kind()));
     let model = Surface::new(shape, &fitted);
     let trained = Trained {
         model,
@@ -92,14 +74,7 @@ pub(super) fn simplify(
         stopped: false,
         behind: None,
     };
-    let times = Times { all: began.elapsed().as_secs_f64(), to_file };
-    let judged = judge.method(&stages);
-    let mut made = Outcome::new(triangles, trained, plan, &stages, views, judged, times, options);
-    (made.file, made.bytes, made.written, made.stopped) = (path, bytes, Written::Kept, stopped);
-    (made.textures, made.compression, made.choice_cut) = (textures, compression, cut);
-    (made.left_out, made.not_fitted) = (outcome::left_out(given, written, options.appearance), Vec::new());
-    prepare::tell_budget(options, triangles, progress);
-    Ok(made)
+    Ok(Outcome { choice_cut: cut, ..Outcome::new(&delivery, file, trained, plan) })
 }
 
 /// The shape of a written asset as a candidate, whose maps are a single texel.
@@ -198,6 +173,7 @@ mod tests {
             let heard = Heard::default();
             let made = simplify(&scene, &path, &o, &heard).unwrap();
             assert!(made.triangles_out <= 200 && heard.0.lock().unwrap().is_empty());
+            assert!(made.plan.to_string().contains("80 of 80 positions stay to the bit"), "{}", made.plan);
             let light = photofit_scene::load(&path).unwrap().flatten();
             assert_eq!(border(&light.mesh), before, "{appearance:?}");
             // A budget that the border leaves no room for.

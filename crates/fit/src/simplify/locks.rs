@@ -3,11 +3,13 @@
 
 use super::{Normalised, SimplifyOptions, options};
 use crate::engine::asset::bits;
+use crate::engine::plan::Item;
 use crate::{FitError, Progress};
-use photofit_geometry::Mesh;
 use photofit_geometry::decimate::{Decimated, Options};
+use photofit_geometry::weld::weld_exact;
+use photofit_geometry::{Edges, Mesh};
 use photofit_scalar::Vec3f;
-use photofit_scene::Scene;
+use photofit_scene::{Compression, Scene};
 use std::collections::{BTreeSet, HashMap, HashSet};
 
 impl SimplifyOptions {
@@ -63,6 +65,61 @@ pub(super) fn locked(d: &Decimated) -> HashSet<[u32; 3]> {
     d.mesh.positions.iter().zip(&d.locked).filter(|(_, locked)| **locked).map(|(p, _)| bits(*p)).collect()
 }
 
+/// Locked positions of an asset, and those of them that its light asset has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Held {
+    wanted: usize,
+    held: usize,
+}
+
+impl Held {
+    /// What a written file holds of the positions that the options lock; `None` where they lock none.
+    pub(super) fn of(file: &Scene, scene: &Scene, options: &SimplifyOptions) -> Option<Self> {
+        if !options.locks() {
+            return None;
+        }
+        let mut wanted: HashSet<[u32; 3]> = HashSet::new();
+        if let Some(name) = &options.lock {
+            wanted.extend(scene.positions_with(name).iter().flatten().map(|p| bits(*p)));
+        }
+        if options.lock_borders {
+            let mesh = scene.flatten().mesh;
+            let weld = weld_exact(&mesh.positions);
+            let border = Edges::new(&mesh.triangles, &weld).border_vertices();
+            let open = weld.pick(&mesh.positions).into_iter().zip(border).filter(|(_, border)| *border);
+            wanted.extend(open.map(|(p, _)| bits(p)));
+        }
+        let mesh = file.flatten().mesh;
+        let there: HashSet<_> =
+            mesh.triangles.iter().flatten().map(|v| bits(mesh.positions[*v as usize])).collect();
+        Some(Self { wanted: wanted.len(), held: wanted.intersection(&there).count() })
+    }
+
+    /// The row of the plan, for geometry that is stored in a way.
+    pub(super) fn row(self, compression: Compression) -> Item {
+        Item::note("locked vertices", self.told(compression))
+    }
+
+    fn told(self, compression: Compression) -> String {
+        let Self { wanted, held } = self;
+        let why = match compression {
+            _ if held == wanted => "",
+            Compression::None => {
+                "; the others lie so near to another vertex that the fit does not tell them apart"
+            }
+            Compression::Meshopt(_) => "; compression rounds the others",
+        };
+        format!("{held} of {wanted} positions stay to the bit{why}")
+    }
+
+    /// Warns where not all are held, though nothing that was asked for is the reason.
+    pub(super) fn warn(self, compression: Compression, progress: &dyn Progress) {
+        if self.held < self.wanted && compression == Compression::None {
+            progress.warn(&format!("locked vertices: {}", self.told(compression)));
+        }
+    }
+}
+
 /// Gives the vertices of a light asset that did not move the positions of the asset: the way to the frame of the fit and back
 /// rounds them.
 pub(super) fn restore(light: &mut Scene, scene: &Scene, n: &Normalised) {
@@ -75,5 +132,39 @@ pub(super) fn restore(light: &mut Scene, scene: &Scene, n: &Normalised) {
     exact.extend(marked.map(|(p, own)| (back(p), own)));
     for p in light.primitives.iter_mut().flat_map(|p| &mut p.mesh.positions) {
         *p = exact.get(&bits(*p)).copied().unwrap_or(*p);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{Heard, of};
+    use super::*;
+    use photofit_geometry::shapes::quad_grid;
+    use photofit_scene::{Material, Precision};
+
+    #[test]
+    fn what_a_file_holds_of_locked_vertices_is_counted_in_it() {
+        let scene = of(quad_grid(4, 3), Material::clay());
+        let borders = SimplifyOptions { lock_borders: true, ..SimplifyOptions::default() };
+        assert_eq!(Held::of(&scene, &scene, &SimplifyOptions::default()), None);
+        let all = Held::of(&scene, &scene, &borders).unwrap();
+        assert_eq!(all, Held { wanted: 14, held: 14 });
+        let mut moved = scene.clone();
+        let inner = 6;
+        moved.primitives[0].mesh.positions[inner].z += 0.5;
+        assert_eq!(Held::of(&moved, &scene, &borders), Some(all), "the vertex {inner} is inside");
+        moved.primitives[0].mesh.positions[0].z = f32::from_bits(1);
+        let less = Held::of(&moved, &scene, &borders).unwrap();
+        assert_eq!(less, Held { wanted: 14, held: 13 });
+        let heard = Heard::default();
+        all.warn(Compression::None, &heard);
+        let rounded = Compression::Meshopt(Precision::default());
+        less.warn(rounded, &heard);
+        assert!(heard.0.lock().unwrap().is_empty(), "rounding was asked for");
+        less.warn(Compression::None, &heard);
+        assert!(heard.0.lock().unwrap().join("").contains("13 of 14"));
+        assert!(
+            all.row(rounded).why.ends_with("to the bit") && less.row(rounded).why.contains("compression")
+        );
     }
 }

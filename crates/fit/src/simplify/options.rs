@@ -202,7 +202,7 @@ impl SimplifyOptions {
     }
 
     /// What is asked of the surface that is fitted to pictures of a kind.
-    pub(super) fn asked(&self, reference: ReferenceKind) -> FitRequest {
+    pub(super) fn fit_request(&self, reference: ReferenceKind) -> FitRequest {
         let steps = self.fit_steps();
         FitRequest { steps, moves: true, reference }
     }
@@ -234,7 +234,7 @@ impl SimplifyOptions {
     }
 
     /// Where and how the fit keeps its state.
-    pub(crate) fn keeping(&self) -> Checkpointing {
+    pub(crate) fn checkpointing(&self) -> Checkpointing {
         let (checkpoint, resume, time_limit) = (self.checkpoint.clone(), self.resume, self.time_limit);
         Checkpointing { checkpoint, resume, time_limit }
     }

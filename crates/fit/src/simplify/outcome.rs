@@ -1,6 +1,7 @@
 //! What a simplification gives back.
 
-use super::{Appearance, Effort, FitPlan, Normalised, SimplifyOptions};
+use super::delivery::{Delivered, Delivery};
+use super::{Appearance, Asset, Effort, FitPlan, Normalised, SimplifyOptions};
 use crate::candidate::Candidate;
 use crate::engine::judge::{Judged, Quality, ReportView, Stage, WIDEST_TRACED, beyond_rasterizer};
 use crate::engine::surface::Surface;
@@ -184,13 +185,6 @@ impl Written {
     }
 }
 
-/// Where the work of a simplification ended, seconds after its beginning.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Times {
-    pub(super) all: f64,
-    pub(super) to_file: f64,
-}
-
 impl Outcome {
     /// Mean quality of a stage.
     pub fn stage(&self, name: &str) -> Option<&Quality> {
@@ -241,36 +235,39 @@ impl Outcome {
         self.traced_maps = course;
     }
 
+    /// Of a file that was delivered; what was trained, which steered no file of [`Written::Kept`]; and what ran.
     pub(super) fn new(
-        [triangles_in, triangles_out]: [usize; 2],
+        delivery: &Delivery<'_>,
+        file: Delivered,
         trained: Trained<Surface>,
         plan: FitPlan,
-        stages: &[Stage],
-        views: Vec<ReportView>,
-        judged: Judged,
-        times: Times,
-        options: &SimplifyOptions,
     ) -> Self {
+        let &Delivery { asset: Asset { given, .. }, options, progress, .. } = delivery;
+        let (written, views, judged) = (file.written, &file.pictures, file.judged);
         let of = |(k, stage): (usize, &Stage)| StageQuality {
             name: stage.name,
             triangles: stage.scene.triangle_count(),
             quality: Quality::mean(views.iter().map(|v| &v.quality[k].quality)),
         };
         let last = trained.history.last().map_or(0.0, |h| h.quality);
+        let fitted = written != Written::Kept;
+        let not_fitted = fitted.then(|| not_fitted(given, file.file(), written.has_own_surface()));
         let settled = trained.history.iter().rev().take_while(|h| h.quality > last - 0.5).last();
         Self {
-            triangles_in,
-            triangles_out,
-            seconds: times.all,
-            fit_seconds: times.to_file,
+            triangles_in: file.triangles[0],
+            triangles_out: file.triangles[1],
+            seconds: file.seconds,
+            fit_seconds: file.seconds_to_file,
             steps: trained.steps,
             effort: options.effort,
             mpix_per_s: trained.mpix_per_s,
             seconds_to_half_db: settled.map_or(0.0, |h| h.seconds),
-            stopped: trained.stopped,
+            stopped: trained.stopped || progress.is_cancelled(),
             fit_stopped: trained.stopped,
-            stages: stages.iter().enumerate().map(of).collect(),
-            views,
+            stages: file.stages.iter().enumerate().map(of).collect(),
+            left_out: left_out(given, file.file(), options.appearance),
+            not_fitted: not_fitted.unwrap_or_default(),
+            views: file.pictures,
             judged,
             judge_spp: match judged {
                 Judged::RasterizedAgainst(reference) => reference.spp.unwrap_or(1),
@@ -279,16 +276,14 @@ impl Outcome {
             history: trained.history,
             plan,
             traced_maps: None,
-            left_out: Vec::new(),
-            not_fitted: Vec::new(),
-            file: PathBuf::new(),
-            written: Written::Fitted,
+            file: file.path,
+            written,
             appearance: options.appearance,
-            bytes: 0,
+            bytes: file.bytes,
             max_bytes: options.max_bytes,
             choice_cut: false,
-            textures: String::new(),
-            compression: options.compression,
+            textures: file.textures,
+            compression: file.compression,
             candidate: trained.model.candidate,
             resolution: options.resolution,
             device: options.device.name(),

@@ -69,6 +69,8 @@ pub struct FitPlan {
     bytes: Option<Item>,
     /// How many triangles follow from bytes, where they do.
     counted: Option<Item>,
+    /// Which vertices stayed where they are, where some were to.
+    locked: Option<Item>,
     /// What came of it.
     result: Option<Ended>,
 }
@@ -111,6 +113,7 @@ impl FitPlan {
             decimation: None,
             bytes: None,
             counted: None,
+            locked: None,
             result: None,
         }
     }
@@ -235,6 +238,12 @@ impl FitPlan {
         Self { counted, ..self }
     }
 
+    /// Adds which vertices stayed where they are; nothing is told without.
+    #[must_use]
+    pub(crate) fn with_locked(self, locked: Option<Item>) -> Self {
+        Self { locked, ..self }
+    }
+
     /// Adds the bytes that the file may have and, once it is written, those that it has, how its textures and its geometry are stored;
     /// nothing is told without.
     #[must_use]
@@ -298,6 +307,7 @@ impl FitPlan {
         items.extend(self.decimation.clone().filter(|_| fewer));
         items.extend(self.bytes.clone());
         items.extend(self.counted.clone());
+        items.extend(self.locked.clone());
         if self.appearance != Some(Appearance::Kept) {
             let steps = self.choices.as_ref().zip(self.result).filter(|(c, _)| c.steps > 0);
             items.extend(steps.map(|(c, r)| rows::steps(r.steps, c.steps, r.behind)));

@@ -5,6 +5,7 @@ mod plans;
 use super::*;
 use crate::Silent;
 pub(super) use crate::progress::Heard;
+use photofit_geometry::decimate::Target;
 use photofit_geometry::shapes::{cube, displaced_sphere};
 use photofit_scalar::{vec2, vec3};
 use photofit_scene::{AlphaMode, Instance, Material, Primitive, TextureImage, TextureSlot};

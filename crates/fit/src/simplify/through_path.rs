@@ -38,10 +38,10 @@ pub(super) fn begin(options: &SimplifyOptions, progress: &dyn Progress) {
 }
 
 /// Where the fit before this one keeps its state, and how long it may take: half of the time, where this one follows.
-pub(super) fn keeping_before(options: &SimplifyOptions) -> Checkpointing {
-    let keeping = options.keeping();
+pub(super) fn checkpointing_before(options: &SimplifyOptions) -> Checkpointing {
+    let checkpointing = options.checkpointing();
     let share = if options.fit_with == FitRenderer::Path { 2 } else { 1 };
-    Checkpointing { time_limit: keeping.time_limit.map(|limit| limit / share), ..keeping }
+    Checkpointing { time_limit: checkpointing.time_limit.map(|limit| limit / share), ..checkpointing }
 }
 
 /// What comes, or came, of the fit.
@@ -120,15 +120,15 @@ pub(super) fn fit_maps(
     }
     let mut fit = fit_options(options, spent);
     // A fit that the time limit ended goes on first, and these maps would follow from another shape then.
-    if stopped && fit.keeping.checkpoint.is_some() {
+    if stopped && fit.checkpointing.checkpoint.is_some() {
         let why = "the fit before was ended by the time limit";
         progress.warn(&format!("its maps are not fitted through the path tracer: {why}"));
         return (light, TracedMaps::Skipped(why.into()));
     }
     // Texture coordinates of the asset's own may show one texel in many places.
     fit.new_map = fit.new_map.filter(|_| written != Written::Decimated);
-    let made = fit_after_another(fit.keeping.clone(), progress, |keeping| {
-        fit.keeping.clone_from(keeping);
+    let made = fit_after_another(fit.checkpointing.clone(), progress, |checkpointing| {
+        fit.checkpointing.clone_from(checkpointing);
         traced_maps(asset.scene, asset.n, &light, &fit, progress)
     });
     match made {
@@ -153,7 +153,7 @@ fn fit_options(o: &SimplifyOptions, spent: Duration) -> TracedMapsOptions {
         new_map: Some(o.texture_size),
         lighting: o.lighting.clone(),
         seed: o.seed,
-        keeping: Checkpointing {
+        checkpointing: Checkpointing {
             checkpoint: o.checkpoint.as_ref().map(|folder| folder.join(TRACED_FOLDER)),
             resume: o.resume,
             time_limit: o.time_limit.map(|limit| limit.saturating_sub(spent)),

@@ -82,13 +82,12 @@ impl World {
                 self.set_sources(&sources)
             }
             Parameter::Environment => {
-                let sources = self.lights.given().to_vec();
                 let map = self.lights.environment.as_ref().map(|e| {
                     let mut map = e.map();
                     map.image.data.copy_from_slice(values);
                     map
                 });
-                self.relight(&sources, map)
+                self.set_environment(map)
             }
             Parameter::Medium { medium, value } => {
                 self.media.set_values((*medium, *value), values, self.majorant_factor)

@@ -150,6 +150,17 @@ impl Lights {
         Ok(())
     }
 
+    /// Replaces the environment; on an error everything is as it was.
+    pub(crate) fn replace_environment(
+        &mut self,
+        radius: f32,
+        environment: Option<EnvironmentMap>,
+    ) -> Result<(), PathtraceError> {
+        self.environment = environment.map(EnvironmentLight::new).transpose()?;
+        self.weigh(radius);
+        Ok(())
+    }
+
     /// Replaces sources; on an error everything is as it was.
     pub(crate) fn replace_sources(
         &mut self,

@@ -96,6 +96,10 @@ fn edited_worlds_render_as_new_ones() {
         p.lights = lamp.to_vec();
         p.environment = sky();
     });
+    let lit = || Parts { lights: lamp.to_vec(), ..parts() };
+    check("environment alone", &lit, &|w| w.set_environment(sky()), &|p| p.environment = sky());
+    let under_sky = || Parts { environment: sky(), ..lit() };
+    check("no environment", &under_sky, &|w| w.set_environment(None), &|p| p.environment = None);
 }
 
 #[test]
@@ -293,6 +297,7 @@ fn bad_edits_change_nothing() {
         (world.set_geometry(p.shapes.clone(), &p.instances[1..]), "instances"),
         (world.set_geometry(p.shapes.clone(), &flat(&p)), "three dimensions"),
         (world.relight(&[], Some(EnvironmentMap::constant(vec3(-1.0, 0.0, 0.0)))), "environment"),
+        (world.set_environment(Some(EnvironmentMap::constant(vec3(-1.0, 0.0, 0.0)))), "environment"),
     ];
     for (result, words) in faults {
         let text = result.expect_err(words).to_string();

@@ -162,6 +162,14 @@ impl World {
         result
     }
 
+    /// Replaces the environment; emitting surfaces and light sources stay.
+    ///
+    /// # Errors
+    /// If it has a negative or non-finite value; the lights are then as they were.
+    pub fn set_environment(&mut self, environment: Option<EnvironmentMap>) -> Result<(), PathtraceError> {
+        self.lights.replace_environment(self.radius, environment)
+    }
+
     /// The middle of the box of everything that has a place.
     pub fn middle(&self) -> DVec3 {
         let [mut lo, mut hi] = self.bounds;

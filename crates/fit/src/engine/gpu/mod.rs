@@ -85,7 +85,7 @@ pub struct GpuSurface<S = Surface> {
     losses: Vec<f64>,
     limited: Limited,
     /// What the reference holds there.
-    lent: Option<DeviceMemory>,
+    of_reference: Option<DeviceMemory>,
 }
 
 /// Gradients with terms that ended at the limit of their sums.
@@ -170,7 +170,7 @@ impl<S: Posable> GpuSurface<S> {
         gpu: &Gpu,
         asset: S,
         shots: &[Shot],
-        lent: Option<DeviceMemory>,
+        of_reference: Option<DeviceMemory>,
     ) -> Result<Self, NoRoom> {
         let (groups, surface) = (asset.groups(), asset.surface());
         if let Some(source) = refused(surface, S::POSED) {
@@ -178,7 +178,9 @@ impl<S: Posable> GpuSurface<S> {
         }
         let (on, optimizers) = loop {
             match uploaded(gpu, surface, &groups) {
-                Err(e) if e.is_out_of_memory() && lent.as_ref().is_some_and(DeviceMemory::give_back) => {}
+                Err(e)
+                    if e.is_out_of_memory() && of_reference.as_ref().is_some_and(DeviceMemory::give_back) => {
+                }
                 made => break made?,
             }
         };
@@ -212,7 +214,7 @@ impl<S: Posable> GpuSurface<S> {
             pending: 0,
             losses: Vec::new(),
             limited: Limited::default(),
-            lent,
+            of_reference,
         };
         model.in_bands(shots, itself, |_| Ok(())).map_err(NoRoom::pictures)?;
         Ok(model)
@@ -223,7 +225,7 @@ impl<S: Posable> GpuSurface<S> {
     ///
     /// # Errors
     /// If there is none for those of a step.
-    pub fn keeping(mut self, shown: Shown) -> Result<(Self, Residence), NoRoom> {
+    pub fn checkpointing(mut self, shown: Shown) -> Result<(Self, Residence), NoRoom> {
         let made = self.in_bands(&[], itself, |model| References::new(&model.gpu, shown));
         let (references, residence) = made.map_err(NoRoom::pictures)?;
         self.references = references;
@@ -288,8 +290,8 @@ impl<S: Posable> GpuSurface<S> {
             match self.prepare(shots).map_err(E::from).and_then(|()| work(self)) {
                 Err(e) if device(&e).is_some_and(GpuError::is_of_size) => {
                     let full = matches!(device(&e), Some(GpuError::OutOfMemory { .. }));
-                    let lent = || self.lent.as_ref().is_some_and(DeviceMemory::give_back);
-                    if full && (self.references.give_back(shots.len()) || lent()) {
+                    let reference = || self.of_reference.as_ref().is_some_and(DeviceMemory::give_back);
+                    if full && (self.references.give_back(shots.len()) || reference()) {
                         continue;
                     }
                     (self.stage, self.step, self.forward) = (None, None, None);

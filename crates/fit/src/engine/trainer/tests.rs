@@ -159,7 +159,11 @@ fn phase<'a>(name: &'static str, first: u64, steps: u64, groups: &[&'static str]
     Phase { name, first, steps, shrink: 1, rates, fade: None, reinitialised: None }
 }
 
-fn fit(model: Pixels, keeping: &Checkpointing, progress: &dyn Progress) -> Result<Trained<Pixels>, FitError> {
+fn fit(
+    model: Pixels,
+    checkpointing: &Checkpointing,
+    progress: &dyn Progress,
+) -> Result<Trained<Pixels>, FitError> {
     // The second phase begins with blue made anew, and asks as long work does whether to stop.
     let renew = |m: &Pixels| {
         if progress.is_cancelled() {
@@ -174,23 +178,23 @@ fn fit(model: Pixels, keeping: &Checkpointing, progress: &dyn Progress) -> Resul
         phase("third", 67, STEPS - 67, &all),
     ];
     phases[1].reinitialised = Some((vec!["blue".into()], &renew as Initialiser<'_, Pixels>));
-    fit_in(phases, model, keeping, progress)
+    fit_in(phases, model, checkpointing, progress)
 }
 
 fn fit_in(
     phases: Vec<Phase<'_, Pixels>>,
     model: Pixels,
-    keeping: &Checkpointing,
+    checkpointing: &Checkpointing,
     progress: &dyn Progress,
 ) -> Result<Trained<Pixels>, FitError> {
-    fit_against(None, phases, model, keeping, progress)
+    fit_against(None, phases, model, checkpointing, progress)
 }
 
 fn fit_against(
     rival: Option<f64>,
     phases: Vec<Phase<'_, Pixels>>,
     model: Pixels,
-    keeping: &Checkpointing,
+    checkpointing: &Checkpointing,
     progress: &dyn Progress,
 ) -> Result<Trained<Pixels>, FitError> {
     let views = Orbit::new(0, &Lighting::Point, SIDE);
@@ -206,7 +210,7 @@ fn fit_against(
         fresh: 1,
         steps: phases.iter().map(|p| p.steps).sum(),
         rival,
-        keeping,
+        checkpointing,
         fingerprint: Fingerprint::default().option("model", "greys"),
     };
     train(Cpu::new(model)?, &job, |_| phases, progress)
@@ -219,7 +223,7 @@ fn result(t: &Trained<Pixels>) -> (Vec<u32>, Vec<(u64, u64, u64)>, u64) {
     (bits, evaluations, t.steps)
 }
 
-fn keeping(folder: &Path, resume: bool) -> Checkpointing {
+fn checkpointing(folder: &Path, resume: bool) -> Checkpointing {
     Checkpointing { checkpoint: Some(folder.into()), resume, time_limit: None }
 }
 
@@ -229,10 +233,10 @@ fn a_fit_stopped_anywhere_resumes_to_the_same_bits() {
     for stop_at in 0..STEPS as usize + 3 {
         let dir = tempfile::tempdir().unwrap();
         let progress = Counting { stop_at: Some(stop_at), ..Counting::default() };
-        let stopped = fit(Pixels::new(), &keeping(dir.path(), false), &progress).unwrap();
+        let stopped = fit(Pixels::new(), &checkpointing(dir.path(), false), &progress).unwrap();
         assert_eq!(stopped.stopped, stop_at <= STEPS as usize, "{stop_at}");
         let told = Counting::default();
-        let resumed = fit(Pixels::new(), &keeping(dir.path(), true), &told).unwrap();
+        let resumed = fit(Pixels::new(), &checkpointing(dir.path(), true), &told).unwrap();
         assert!(result(&resumed) == whole, "stopped at question {stop_at}");
         if stopped.stopped {
             let line = format!("resuming at step {} of {STEPS}", stopped.steps);
@@ -248,7 +252,7 @@ fn a_fit_may_be_stopped_many_times() {
     let dir = tempfile::tempdir().unwrap();
     for _ in 0..200 {
         let progress = Counting { stop_at: Some(3), ..Counting::default() };
-        let t = fit(Pixels::new(), &keeping(dir.path(), true), &progress).unwrap();
+        let t = fit(Pixels::new(), &checkpointing(dir.path(), true), &progress).unwrap();
         if !t.stopped {
             assert!(result(&t) == whole);
             return;
@@ -275,7 +279,7 @@ fn a_folder_that_cannot_be_written_ends_no_fit() {
     std::fs::write(&blocked, b"x").unwrap();
     let progress = Counting::default();
     let whole = result(&fit(Pixels::new(), &Checkpointing::default(), &Silent).unwrap());
-    let t = fit(Pixels::new(), &keeping(&blocked, false), &progress).unwrap();
+    let t = fit(Pixels::new(), &checkpointing(&blocked, false), &progress).unwrap();
     assert!(result(&t) == whole);
     let warnings = progress.warnings.into_inner().unwrap();
     assert_eq!(warnings.len(), 1, "told once: {warnings:?}");
@@ -286,12 +290,12 @@ fn a_folder_that_cannot_be_written_ends_no_fit() {
 fn a_value_that_is_not_finite_names_step_group_and_what_is_kept() {
     let dir = tempfile::tempdir().unwrap();
     let broken = Pixels { breaks_at: Some(60), ..Pixels::new() };
-    let error = fit(broken, &keeping(dir.path(), false), &Silent).unwrap_err().to_string();
+    let error = fit(broken, &checkpointing(dir.path(), false), &Silent).unwrap_err().to_string();
     for part in ["step 60", "blue", "NaN", "checkpoint of step 50"] {
         assert!(error.contains(part), "{part:?} in {error}");
     }
     // What was kept is good.
-    let resumed = fit(Pixels::new(), &keeping(dir.path(), true), &Silent).unwrap();
+    let resumed = fit(Pixels::new(), &checkpointing(dir.path(), true), &Silent).unwrap();
     assert!(result(&resumed) == result(&fit(Pixels::new(), &Checkpointing::default(), &Silent).unwrap()));
 }
 
@@ -321,9 +325,9 @@ fn a_phase_without_progress_ends_early_and_what_it_left_out_is_counted() {
     // Stopped in the second phase, and gone on with.
     let dir = tempfile::tempdir().unwrap();
     let progress = Counting { stop_at: Some(270), ..Counting::default() };
-    let stopped = fit_in(phases(), Pixels::new(), &keeping(dir.path(), false), &progress).unwrap();
+    let stopped = fit_in(phases(), Pixels::new(), &checkpointing(dir.path(), false), &progress).unwrap();
     assert_eq!((stopped.steps, stopped.reached(), stopped.stopped), (269, 419, true));
-    let resumed = fit_in(phases(), Pixels::new(), &keeping(dir.path(), true), &Silent).unwrap();
+    let resumed = fit_in(phases(), Pixels::new(), &checkpointing(dir.path(), true), &Silent).unwrap();
     assert!(result(&resumed) == result(&t));
     assert_eq!(resumed.reached(), 450);
 }
@@ -359,10 +363,10 @@ fn a_fit_far_behind_its_rival_ends_early() {
     // The same where it was stopped before that, and gone on with; and where it is gone on with after its end.
     let dir = tempfile::tempdir().unwrap();
     let progress = Counting { stop_at: Some(30), ..Counting::default() };
-    let stopped = fit(Some(rival), &keeping(dir.path(), false), &progress);
+    let stopped = fit(Some(rival), &checkpointing(dir.path(), false), &progress);
     assert!(stopped.stopped && stopped.steps < 50 && stopped.behind.is_none());
     for _ in 0..2 {
-        let resumed = fit(Some(rival), &keeping(dir.path(), true), &Silent);
+        let resumed = fit(Some(rival), &checkpointing(dir.path(), true), &Silent);
         assert!(result(&resumed) == result(&far) && resumed.behind == far.behind);
     }
 }

@@ -34,8 +34,8 @@ fn targets(spp: u32) -> Vec<Image> {
 }
 
 fn fit(targets: &[Image], folder: Option<&Path>, progress: &dyn Progress) -> RecoveredScene {
-    let keeping = Checkpointing { checkpoint: folder.map(Into::into), resume: true, time_limit: None };
-    let options = RecoverSceneOptions { steps: STEPS, rate: 0.08, seed: 3, keeping };
+    let checkpointing = Checkpointing { checkpoint: folder.map(Into::into), resume: true, time_limit: None };
+    let options = RecoverSceneOptions { steps: STEPS, rate: 0.08, seed: 3, checkpointing };
     recover_scene(small(), &around(2), targets, &options, progress).expect("fits")
 }
 
@@ -72,8 +72,9 @@ fn a_checkpoint_of_another_scene_is_refused() {
     let dir = tempfile::tempdir().expect("a folder");
     fit(&targets, Some(dir.path()), &Stop(AtomicUsize::new(0), 2));
     let refused = |model: Traced, views: &[View]| {
-        let keeping = Checkpointing { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
-        let options = RecoverSceneOptions { steps: STEPS, rate: 0.08, seed: 3, keeping };
+        let checkpointing =
+            Checkpointing { checkpoint: Some(dir.path().into()), resume: true, time_limit: None };
+        let options = RecoverSceneOptions { steps: STEPS, rate: 0.08, seed: 3, checkpointing };
         recover_scene(model, views, &targets, &options, &Silent).unwrap_err().to_string()
     };
     // A camera that moved, and a value that is not fitted.

@@ -75,7 +75,7 @@ fn a_device_without_room_for_a_picture_draws_bands() {
         let gpu = Gpu::within(&choice, caps).unwrap();
         let shown = Shown { pictures: 2, batch: 2, size: [256, 256] };
         let model = GpuSurface::new(&gpu, s.clone(), &shots).unwrap();
-        let (mut model, _) = model.keeping(shown).unwrap();
+        let (mut model, _) = model.checkpointing(shown).unwrap();
         let g = gradients(&mut model, &shots, loss);
         (g, model.bands().get(), gpu.held())
     };
@@ -120,8 +120,9 @@ fn a_reference_makes_room_before_pictures_are_drawn_in_bands() {
     let drawn = DrawnThere::new(&gpu, on_cpu, true);
     drawn.picture(&setup).unwrap();
     assert!(gpu.held() > 4 << 20, "{} bytes of the reference", gpu.held());
-    let bands =
-        |lent| GpuSurface::beside(&gpu, s.clone(), &shots, lent).map_or(0, |model| model.bands().get());
+    let bands = |device_memory| {
+        GpuSurface::beside(&gpu, s.clone(), &shots, device_memory).map_or(0, |model| model.bands().get())
+    };
     assert_ne!(bands(None), 1);
     assert_eq!(bands(drawn.device_memory()), 1);
 }
