@@ -97,7 +97,7 @@ pub(crate) enum Command {
     /// Show what an asset holds, what memory it takes, and what a fit of it would run and skip.
     #[command(after_help = STATUSES)]
     Inspect(Inspect),
-    /// Make depth, normals and colours without holes from a point cloud.
+    /// Make depth, normals and colours from a point cloud; small gaps between points are closed, larger ones by --fill.
     #[command(after_help = STATUSES)]
     Surface(Surface),
     /// Clean a noisy rendering; layers such as albedo and normal beside the colour are found and used.

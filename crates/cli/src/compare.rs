@@ -201,6 +201,14 @@ fn images(a: &Compare) -> Result<Compared> {
             size(&reference)
         );
     }
+    for (image, path) in [(&reference, &a.reference), (&candidate, &a.candidate)] {
+        let odd = image.data.iter().filter(|v| !v.is_finite()).count();
+        if odd > 0 {
+            let values = output::counted(odd, "value");
+            let rule = "what is infinite is shown white or black, what is no number black";
+            say(&format!("warning: {}: {values} of its pixels are not finite; {rule}", path.display()));
+        }
+    }
     let (r, c) = (shown(&reference, &a.reference)?, shown(&candidate, &a.candidate)?);
     let error = flip(&r, &c, DEFAULT_PIXELS_PER_DEGREE);
     let rmse = rmse(&r, &c);

@@ -29,6 +29,20 @@ pub(crate) fn run(a: &Inspect) -> Result<()> {
     print(&text(input, &scene))
 }
 
+/// The numbers of a material, which textures are multiplied with; roughness and metalness of what is lit, emission where there is any.
+fn factors(m: &Material) -> String {
+    let triple = |c: [f32; 3]| c.map(|x| format!("{x:.3}")).join(" ");
+    let [r, g, b, _] = m.base_color;
+    let mut out = format!("base colour {}", triple([r, g, b]));
+    if !m.unlit {
+        out += &format!(", roughness {:.2}, metalness {:.2}", m.roughness, m.metallic);
+    }
+    if !m.unlit && m.emissive != [0.0; 3] {
+        out += &format!(", emission {}", triple(m.emissive));
+    }
+    out
+}
+
 fn alpha(m: &Material) -> String {
     match m.alpha_mode {
         AlphaMode::Opaque => "opaque".into(),
@@ -111,7 +125,8 @@ fn text(path: &Path, scene: &Scene) -> String {
         let flags = [(m.double_sided, ", double-sided"), (m.unlit, ", unlit")];
         let flags: String = flags.iter().filter(|f| f.0).map(|f| f.1).collect();
         let kinds = if kinds.is_empty() { "no textures".into() } else { kinds.join(", ") };
-        out += &format!("  material {i}{}: {}{flags}; {kinds}\n", named(&m.name), alpha(m));
+        let factors = factors(m);
+        out += &format!("  material {i}{}: {}{flags}; {factors}; {kinds}\n", named(&m.name), alpha(m));
         let extensions = extensions(m);
         if !extensions.is_empty() {
             out += &format!("    extensions: {}\n", extensions.join(", "));
@@ -209,6 +224,10 @@ fn to_json(path: &Path, scene: &Scene) -> Value {
                 "alpha_mode": alpha(m),
                 "double_sided": m.double_sided,
                 "unlit": m.unlit,
+                "base_color": m.base_color,
+                "roughness": m.roughness,
+                "metallic": m.metallic,
+                "emissive": m.emissive,
                 "extensions": extensions(m),
                 "textures": textures,
             })

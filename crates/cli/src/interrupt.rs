@@ -32,10 +32,12 @@ pub(crate) fn handle() {
 }
 
 fn received() {
-    let checkpointing = KEEPING.load(Ordering::SeqCst);
-    if checkpointing && FIRST.set(Instant::now()).is_ok() {
-        say("stopping; what was reached is kept. A second Ctrl-C or SIGTERM ends the program at once.");
-    } else if !checkpointing || FIRST.get().is_none_or(|first| first.elapsed() >= TOGETHER) {
+    let keeping = KEEPING.load(Ordering::SeqCst);
+    if keeping && FIRST.set(Instant::now()).is_ok() {
+        say(
+            "stopping; what was reached, if anything, is kept. A second Ctrl-C or SIGTERM ends the program at once.",
+        );
+    } else if !keeping || FIRST.get().is_none_or(|first| first.elapsed() >= TOGETHER) {
         std::process::exit(i32::from(INTERRUPTED));
     }
 }

@@ -318,18 +318,8 @@ impl Job<'_> {
         outcome: &Outcome,
         warnings: &[String],
     ) -> Result<(Value, Option<Error>)> {
-        if outcome.fit_stopped {
-            let alone = if outcome.was_chosen() { "" } else { ", without a choice among others" };
-            say(&format!("the fit was ended early; what was reached is written{alone}"));
-        } else if !outcome.was_chosen() {
-            say(
-                "the work was ended after the fit: what it reached is written, without a choice among others",
-            );
-        } else if outcome.stopped {
-            let judged = output::counted(outcome.views.len(), "view");
-            say(&format!(
-                "the work was ended early: what was left to compare is not compared; judged by {judged}"
-            ));
+        if let Some(how) = outcome.ended_early() {
+            say(&format!("{how}; judged by {}", output::counted(outcome.views.len(), "view")));
         }
         if self.explain {
             print(&format!("what ran:\n{}\n\n", outcome.plan))?;
@@ -402,11 +392,18 @@ impl Job<'_> {
             > Some(o.candidate.maps.levels[0].texels.len());
         // More texels help where there are more to take, and the file may still grow.
         let grows = o.max_bytes.is_none() && o.appearance == Appearance::Maps;
-        if lighter && finer && grows && Verdict::of(o).better.is_some_and(|s| s.name == "decimated") {
+        if lighter && finer && grows && Verdict::of(o).better.is_some_and(|s| s.has_own_materials()) {
             text += "the asset's own materials with all their texels score better: a larger --texture-size may help\n";
         }
         if let Some(bytes) = bytes_of(o).filter(|b| *b > scene.source_bytes && scene.source_bytes > 0) {
-            let (written, read) = (output::bytes(bytes), output::bytes(scene.source_bytes));
+            // In units that tell them apart.
+            let (written, read) = match [bytes, scene.source_bytes].map(output::bytes) {
+                [a, b] if a != b => (a, b),
+                _ => (
+                    output::counted(bytes as usize, "byte"),
+                    output::counted(scene.source_bytes as usize, "byte"),
+                ),
+            };
             let ways = lighter_by(o).join(", ");
             text += &format!(
                 "the written file is larger than the asset, {written} against {read}; {ways} may make it lighter\n"

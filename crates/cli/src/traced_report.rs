@@ -55,7 +55,7 @@ pub(crate) fn tell_course(stopped: bool, plan: Option<&PlanRows>) -> Result<()> 
 /// By which of so many pictures a fit was judged, for people.
 pub(crate) fn judged(held_out: Option<usize>, pictures: usize) -> String {
     match held_out {
-        Some(k) => format!("picture {k}, which was held out"),
+        Some(k) => format!("picture {} of {pictures}, which was held out", k + 1),
         None if pictures == 1 => "the picture that was fitted (none is held out)".into(),
         None => "the pictures that were fitted (none is held out)".into(),
     }

@@ -163,7 +163,6 @@ pub fn recover_texture(
         loss,
         seed: options.seed,
         batch: options.batch,
-        fresh: options.batch.div_ceil(2),
         steps: options.steps,
         rival: None,
         checkpointing: &options.checkpointing,
@@ -171,7 +170,7 @@ pub fn recover_texture(
             .option("texture_size", options.texture_size)
             .option("batch", options.batch)
             .option("seed", options.seed)
-            .digest("pictures, cameras, lights or shape", format!("{:016x}", topology.value())),
+            .digest("pictures, cameras, lights or shape", topology),
     };
     let phases = |_| {
         vec![Phase {

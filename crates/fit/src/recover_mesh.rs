@@ -254,7 +254,6 @@ impl Fit<'_> {
             loss: PictureLoss::from(LOSS),
             seed: options.seed,
             batch: options.batch,
-            fresh: options.batch.div_ceil(2),
             steps,
             rival: None,
             checkpointing,
@@ -264,8 +263,8 @@ impl Fit<'_> {
                 .option("texture_size", options.texture_size)
                 .option("batch", options.batch)
                 .option("seed", options.seed)
-                .digest("pictures, cameras or lights", format!("{:016x}", photos.digest().value()))
-                .digest("topology", format!("{:016x}", topology.value())),
+                .digest("pictures, cameras or lights", photos.digest())
+                .digest("topology", topology),
         };
         let rate = options.optimizer.peak_rate() * RATE_OF_NEXT.powi(level as i32);
         let phases = |_| {

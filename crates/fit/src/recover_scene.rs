@@ -166,7 +166,7 @@ pub(crate) fn fit(
         .option("seed", seed)
         .option("max_depth", depth)
         .option("evaluation_spp", model.evaluation_spp)
-        .digest("scene, pictures, cameras or starting values", format!("{:016x}", seen.value()));
+        .digest("scene, pictures, cameras or starting values", seen);
     let fingerprint = if model.guidance.is_on() {
         fingerprint.option("guiding", model.guidance.report().map_or("on", |r| r.guiding.name()))
     } else {
@@ -180,7 +180,6 @@ pub(crate) fn fit(
         loss: loss::choose(&evaluation),
         seed: options.seed,
         batch: source.fitted().min(MOST_OF_A_STEP),
-        fresh: source.fitted().min(MOST_OF_A_STEP).div_ceil(2),
         steps: options.steps,
         rival: None,
         checkpointing: &options.checkpointing,

@@ -179,7 +179,6 @@ pub fn retexture(
         loss,
         seed: options.seed,
         batch: options.batch,
-        fresh: options.batch.div_ceil(2),
         steps,
         rival: None,
         checkpointing: &options.checkpointing,
@@ -330,14 +329,14 @@ fn fingerprint(
         .option("seed", o.seed)
         .option("lighting", o.lighting.name())
         .option("moments", format!("{:?}", o.moments))
-        .digest("light asset", format!("{:016x}", shape.value()))
-        .digest("reference", format!("{:016x}", asset.value()));
+        .digest("light asset", shape)
+        .digest("reference", asset);
     let of = |asset: &Animated<'_>| -> Result<String, FitError> {
         let mut poses = Digest::new();
         for moment in &o.moments {
             poses.add(&asset.flat(*moment)?.mesh.positions);
         }
-        Ok(format!("{:016x}", poses.value()))
+        Ok(poses.to_string())
     };
     Ok(fingerprint.digest("poses of the light asset", of(own)?).digest("poses of the reference", of(theirs)?))
 }

@@ -161,7 +161,6 @@ pub fn traced_maps(
         loss,
         seed: options.seed,
         batch: options.batch,
-        fresh: options.batch.div_ceil(2),
         steps: options.steps,
         rival: None,
         checkpointing: &options.checkpointing,
@@ -238,7 +237,7 @@ fn fingerprint(o: &TracedMapsOptions, light: &Scene) -> Fingerprint {
         .option("reference_spp", o.reference_spp)
         .option("lighting", o.lighting.name())
         .option("seed", o.seed)
-        .digest("shape of the light asset", format!("{:016x}", shape.value()))
+        .digest("shape of the light asset", shape)
 }
 
 /// The rows of the plan.

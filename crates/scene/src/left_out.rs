@@ -1,6 +1,6 @@
 //! What an asset holds besides surfaces, and what of it a simplified asset keeps.
 
-use crate::{AssetInfo, Scene};
+use crate::{AssetInfo, Hierarchy, Scene};
 use std::collections::BTreeSet;
 
 impl Scene {
@@ -12,9 +12,8 @@ impl Scene {
         self.about = asset.about.clone();
     }
 
-    /// What the scene holds and an asset that was simplified from it (one mesh for each class of materials) does not: one
-    /// line each, none for a plain scene. Cameras, lights and what the file says about itself are listed where `light`,
-    /// the simplified asset, has not got them; an empty scene stands for one that takes nothing over.
+    /// What the scene holds and an asset that was simplified from it, usually to one mesh for each class of materials, does not: one
+    /// line each, none for a plain scene. An empty scene stands for one that takes nothing over.
     pub fn left_out(&self, light: &Self) -> Vec<String> {
         let mut out = Vec::new();
         for (have, kept, what) in [
@@ -29,36 +28,7 @@ impl Scene {
             out.push("what the file says about itself (copyright, name of the scene, extras)".into());
         }
         if let Some(h) = self.hierarchy.as_deref() {
-            let joints: usize = h.skins.iter().map(|s| s.joints.len()).sum();
-            if !h.skins.is_empty() {
-                out.push(format!(
-                    "{} with {}: the default pose stays",
-                    count(h.skins.len(), "skin"),
-                    count(joints, "joint")
-                ));
-            }
-            let targets: usize = h.meshes.iter().map(|m| m.targets()).sum();
-            if targets > 0 {
-                out.push(format!("{}: the default weights stay", count(targets, "morph target")));
-            }
-            if !h.animations.is_empty() {
-                let names = names(h.animations.iter().map(|a| a.name.as_str()));
-                out.push(format!("{}{names}", count(h.animations.len(), "animation")));
-            }
-            let parents = h.nodes.iter().filter(|n| !n.children.is_empty()).count();
-            if parents > 0 {
-                let nodes = count(h.nodes.len(), "node");
-                out.push(format!("the hierarchy of {nodes}: their transforms are worked into the vertices"));
-            }
-            let named = h.nodes.iter().map(|n| &n.name).chain(h.meshes.iter().map(|m| &m.name));
-            let named = named.filter(|n| !n.is_empty()).count();
-            if named > 0 {
-                out.push(format!("{} of nodes and meshes", count(named, "name")));
-            }
-            let parallel = h.nodes.iter().filter_map(|n| n.camera).count() - h.cameras_shown();
-            if parallel > 0 {
-                out.push(format!("{} that are orthographic or not shown", count(parallel, "camera")));
-            }
+            h.left_out(light.hierarchy.as_deref().unwrap_or(&Hierarchy::default()), &mut out);
         }
         let of = |scene: &Self| -> BTreeSet<&'static str> {
             let extensions = scene.materials.iter().filter_map(|m| m.extensions.as_ref());
@@ -121,7 +91,45 @@ impl AssetInfo {
     }
 }
 
-impl crate::Hierarchy {
+impl Hierarchy {
+    /// What nodes hold and those of `light` do not.
+    fn left_out(&self, light: &Self, out: &mut Vec<String>) {
+        let less = |of: &dyn Fn(&Self) -> usize| of(self).saturating_sub(of(light));
+        let joints = |h: &Self| h.skins.iter().map(|s| s.joints.len()).sum();
+        let skins = less(&|h| h.skins.len());
+        if skins > 0 {
+            let joints = count(less(&joints), "joint");
+            out.push(format!("{} with {joints}: the default pose stays", count(skins, "skin")));
+        }
+        let targets = less(&|h| h.meshes.iter().map(|m| m.targets()).sum());
+        if targets > 0 {
+            out.push(format!("{}: the default weights stay", count(targets, "morph target")));
+        }
+        let animations = less(&|h| h.animations.len());
+        if animations > 0 {
+            let names = names(self.animations.iter().map(|a| a.name.as_str()));
+            out.push(format!("{}{names}", count(animations, "animation")));
+        }
+        if less(&|h| h.nodes.iter().filter(|n| !n.children.is_empty()).count()) > 0 {
+            let nodes = count(self.nodes.len(), "node");
+            out.push(format!("the hierarchy of {nodes}: their transforms are worked into the vertices"));
+        }
+        let there: BTreeSet<&str> = light.names().collect();
+        let lost = self.names().filter(|name| !name.is_empty() && !there.contains(name)).count();
+        if lost > 0 {
+            out.push(format!("{} of nodes and meshes", count(lost, "name")));
+        }
+        let parallel = less(&|h| h.nodes.iter().filter_map(|n| n.camera).count() - h.cameras_shown());
+        if parallel > 0 {
+            out.push(format!("{} that are orthographic or not shown", count(parallel, "camera")));
+        }
+    }
+
+    /// Of nodes and meshes.
+    fn names(&self) -> impl Iterator<Item = &str> {
+        self.nodes.iter().map(|n| n.name.as_str()).chain(self.meshes.iter().map(|m| m.name.as_str()))
+    }
+
     /// Pinhole cameras that are shown.
     fn cameras_shown(&self) -> usize {
         self.cameras_and_lights(&self.locals()).0.len()

@@ -36,8 +36,8 @@ pub(crate) struct Gradient {
 /// A scene whose path-traced picture has parameters.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct ParameterScene {
-    /// The scene: a Mitsuba 3 scene (.xml), or an asset (.glb, .gltf), seen by its camera or, without one, as `photofit
-    /// render` shows it.
+    /// The scene: a Mitsuba 3 scene (.xml), or an asset (.glb, .gltf), seen by its camera or, without one, from where `photofit
+    /// render` sees it; its light is its own, or that of --env.
     #[arg(value_name = "SCENE")]
     pub(crate) input: PathBuf,
     /// Most scattering events of a path: 1 is direct light [range: 0 to 1000000] [default: 16, or what the scene says].

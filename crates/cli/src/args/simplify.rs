@@ -53,16 +53,17 @@ pub(crate) struct Simplify {
     /// Needs two levels or more; does not go with --max-bytes.
     #[arg(long, requires = "lod")]
     pub(crate) continuous: bool,
-    /// What the fit starts from.
+    /// What the fit starts from. What is written is as ever what looks best, the asset's own materials included, unless --new-maps
+    /// is given.
     #[arg(long, value_enum, default_value = "decimate")]
     pub(crate) init: Start,
-    /// Always write new maps, one set and one material for all. Else the asset's own textures and materials on fewer
+    /// Always write new maps, in one set, and one material for each kind of surface (alpha mode, sides, extensions). Else the asset's own textures and materials on fewer
     /// triangles are written where they look better than what was fitted.
     #[arg(long)]
     pub(crate) new_maps: bool,
     /// Keep the asset's texture coordinates, materials and textures, tiling ones too, all as they are: triangles alone are fewer,
     /// in the way that looks best of several, and nothing is fitted. Textures are stored as they were read unless --textures or
-    /// --jpeg says otherwise. An asset without texture coordinates is refused.
+    /// --jpeg says otherwise.
     #[arg(long, conflicts_with_all = ["new_maps", "steps", "batch", "texture_size", "fit_with", "checkpoint", "resume"])]
     pub(crate) keep_uvs: bool,
     /// Leave vertices on open borders where they are, to the bit, in the decimation and in the fit: parts of a larger asset that

@@ -517,7 +517,7 @@ pub fn view_quality(reference: &Image, candidate: &Image) -> ViewQuality {
     let mse = over(squares.mean_over(&mask));
     let quality = Quality {
         psnr: psnr_from_mse(mse).min(BEST_PSNR),
-        ssim: ssim(&r, &c).mean_over(&mask).unwrap_or(1.0),
+        ssim: ssim(&r, &c).mean_over(&mask).unwrap_or(1.0).min(1.0),
         flip: over(flip_map.mean_over(&mask)),
         outline: if everywhere > 0.0 { at_outline / everywhere } else { 0.0 },
         luminance: luminance_ratio(reference, candidate),

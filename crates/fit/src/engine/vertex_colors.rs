@@ -167,6 +167,11 @@ fn psnr(corners: &[[u32; 3]], colors: &[[f64; 4]], samples: &[Vec<Sample>]) -> f
     psnr_from_mse((sum / f64::max(area, f64::MIN_POSITIVE)).max(1e-10))
 }
 
+/// A colour in [0, 1] as 16 bits hold it: half of the bytes of a float in the file.
+fn in_16_bits(x: f32) -> f32 {
+    (x * 65535.0).round() / 65535.0
+}
+
 /// The triangles of a class with their colours, in the frame of the asset.
 fn part(
     candidate: &Candidate,
@@ -188,7 +193,7 @@ fn part(
             *known.entry(key).or_insert_with(|| {
                 out.positions.push(light.frame.to_world(mesh.positions[v]));
                 out.normals.push(normal);
-                let [r, g, b, a] = colors[corners[t][k] as usize].map(|x| x as f32);
+                let [r, g, b, a] = colors[corners[t][k] as usize].map(|x| in_16_bits(x as f32));
                 out.colors.push(vec4(r, g, b, a));
                 out.positions.len() as u32 - 1
             })

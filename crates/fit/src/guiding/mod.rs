@@ -124,7 +124,7 @@ impl GuidingOptions {
         let learned = width * height * f64::from(options.spp) / (LEARNING * f64::from(rounds));
         let records = match guiding {
             Guiding::Flow => (learned as usize).clamp(1 << 10, own.records),
-            _ => own.records,
+            Guiding::Off | Guiding::Lobes => own.records,
         };
         Self { rounds, pilot, records, ..own }
     }
@@ -198,8 +198,9 @@ impl Guidance {
         paths += first.paths;
         let (lo, hi) = first.bounds();
         let mut state = match options.guiding {
+            Guiding::Off => return Ok(Self::off()),
             Guiding::Lobes => Trained::Lobes(LobeGuide::new(options.lobes)),
-            _ => {
+            Guiding::Flow => {
                 let seed = options.flow.seed ^ one.options().seed;
                 let flow = FlowOptions { seed, ..options.flow };
                 Trained::Flow(Box::new(FlowGuide::new(lo, hi, flow)?))

@@ -21,7 +21,9 @@ pub use verdict::{Likeness, Verdict};
 
 use crate::FitError;
 use crate::engine::judge::BEST_PSNR;
-use crate::simplify::{Appearance, FILE, FITTED, Normalised, Outcome, StageQuality, Written};
+use crate::simplify::{
+    Appearance, DECIMATED, FILE, FITTED, Normalised, ORIGINAL, Outcome, StageQuality, Written,
+};
 use crate::traced_maps::MapsCourse;
 use page::{bytes, escape};
 use photofit_image::write_atomically;
@@ -146,17 +148,8 @@ fn header(o: &Outcome, info: &ReportInfo<'_>, light: &Scene, bytes_out: u64) -> 
     }
     let tiles: String =
         tiles.iter().map(|(name, value)| format!("<div><b>{value}</b>{name}</div>\n")).collect();
-    let stopped = match (o.fit_stopped, o.was_chosen()) {
-        (true, true) => "<p class=note>The fit was ended early; this is what it had reached.</p>\n",
-        (true, false) => {
-            "<p class=note>The fit was ended early; this is the best of its course, written without a choice among others.</p>\n"
-        }
-        (false, false) => {
-            "<p class=note>The work was ended after the fit; this is the best of its course, written without a choice among \
-             others.</p>\n"
-        }
-        (false, true) => "",
-    };
+    let stopped =
+        o.ended_early().map_or_else(String::new, |how| format!("<p class=note>{}.</p>\n", sentence(how)));
     let large = o.max_bytes.filter(|most| bytes_out > *most).map_or_else(String::new, |most| {
         format!(
             "<p class=note><b>The file is too large</b>: {} bytes, the fewest that were found, where at most {} were asked for. It stands \
@@ -183,6 +176,12 @@ fn header(o: &Outcome, info: &ReportInfo<'_>, light: &Scene, bytes_out: u64) -> 
     )
 }
 
+/// Words that begin with a capital letter.
+fn sentence(words: &str) -> String {
+    let mut letters = words.chars();
+    letters.next().into_iter().flat_map(char::to_uppercase).chain(letters).collect()
+}
+
 /// A number with three significant digits.
 fn significant(x: f64) -> String {
     let digits = (2.0 - x.abs().max(1e-12).log10().floor()).clamp(0.0, 9.0) as usize;
@@ -193,8 +192,12 @@ fn table(o: &Outcome) -> String {
     let last = o.stages.last().map_or("", |s| s.name);
     let start = |start: Written| format!("{} with baked {}: a start", start.start(), o.appearance.in_words());
     let what = |name: &str| match name {
-        "decimated" => "the asset's own materials".to_owned(),
+        ORIGINAL => "the asset itself, drawn as an engine draws it".to_owned(),
+        DECIMATED => "the asset's own materials".to_owned(),
         FITTED if last == FITTED => "the written file, loaded again".to_owned(),
+        FITTED if o.written == Written::Fitted => {
+            "what was fitted, before it was made to fit into bytes".to_owned()
+        }
         FITTED => "what was fitted, which is not in the file".to_owned(),
         FILE => "the written file, loaded again".to_owned(),
         name => Written::STARTS.into_iter().find(|s| s.name() == name).map_or_else(String::new, start),

@@ -40,6 +40,8 @@ pub struct Verdict {
     pub too_large: bool,
     /// Whether its maps were fitted once more through the path tracer.
     pub traced: bool,
+    /// Whether it has textures.
+    pub textured: bool,
     /// The asset itself drawn the same way, where engines draw it: with one sample a pixel it differs from the reference
     /// too. [`Self::likeness`] is then by what FLIP of the written file exceeds that of the asset.
     pub original: Option<Quality>,
@@ -93,7 +95,8 @@ impl Verdict {
         let (written, appearance, fitted) = (o.written, o.appearance, o.steps > 0);
         let (compared, cut, max_bytes) = (o.was_chosen(), o.choice_cut, o.max_bytes);
         let traced = o.traced_maps.as_ref().is_some_and(MapsCourse::gained);
-        let judged = Self { too_large: o.is_too_large(), traced, ..Self::new(&of(k), original.as_deref()) };
+        let (too_large, textured) = (o.is_too_large(), o.has_textures());
+        let judged = Self { too_large, traced, textured, ..Self::new(&of(k), original.as_deref()) };
         Self { better, written, appearance, fitted, compared, cut, max_bytes, ..judged }
     }
 
@@ -129,6 +132,7 @@ impl Verdict {
             max_bytes,
             too_large: false,
             traced: false,
+            textured: true,
             original,
         }
     }
@@ -171,13 +175,23 @@ impl Verdict {
         })
     }
 
+    /// Whether a stage is what was written, before its textures and its geometry were stored.
+    fn is_before_it_was_stored(&self, stage: &StageQuality) -> bool {
+        !self.traced && stage.name == self.written.name() && !stage.has_own_materials()
+    }
+
     /// What a stage is that scores better than the file.
     fn told_better(&self, stage: &StageQuality) -> String {
         let triangles = counted(stage.triangles, "triangle");
         let bytes = if self.max_bytes.is_some() { ", whatever its bytes" } else { "" };
         let maps = self.appearance.in_words();
         match stage.name {
-            "decimated" => format!(" (the asset's own materials with all their texels, {triangles}{bytes})"),
+            _ if stage.has_own_materials() && self.textured => {
+                format!(
+                    " (the asset's own materials with their textures as they were given, {triangles}{bytes})"
+                )
+            }
+            _ if stage.has_own_materials() => format!(" (the asset's own materials, {triangles}{bytes})"),
             // Within bytes it was what was to be made to fit, unless something else looked better even before.
             FITTED if self.max_bytes.is_some() && !self.written.is_baked() => {
                 format!(" (the fit, {triangles}{bytes})")
@@ -209,7 +223,7 @@ impl fmt::Display for Verdict {
         let Some((k, worst)) = &self.worst else { return write!(f, "{}", self.likeness) };
         write!(
             f,
-            "{}: PSNR {} dB, FLIP {:.3} over {} new {}; worst FLIP {:.3} ({} dB) in view {}",
+            "{}: PSNR {} dB, FLIP {:.4} over {} new {}; worst FLIP {:.4} ({} dB) in view {}",
             self.likeness,
             self.mean.decibels(1),
             self.mean.flip,
@@ -224,6 +238,15 @@ impl fmt::Display for Verdict {
         }
         if let Some(written) = self.told_written() {
             write!(f, "; {written}")?;
+        }
+        if let Some(stage) = self.better.as_ref().filter(|s| self.is_before_it_was_stored(s)) {
+            let (name, q) = (stage.name, &stage.quality);
+            return write!(
+                f,
+                ". What is stored coarsely costs the rest: before that it has {} dB, FLIP {:.3} here ({name} in the table)",
+                q.decibels(1),
+                q.flip
+            );
         }
         if let Some(stage) = &self.better {
             let (what, q) = (self.told_better(stage), &stage.quality);
@@ -268,8 +291,8 @@ mod tests {
             let verdict = Verdict { better, written, ..Verdict::new(&[q(30.0, 0.05)], None) };
             let text = verdict.to_string();
             // One sentence of its own, the last, that says that the file holds something else.
-            let sentence = ". What the table calls decimated (the asset's own materials with all their texels, \
-                            1,200 triangles) scores better here and is not in the file: 33.0 dB, FLIP 0.030";
+            let sentence = ". What the table calls decimated (the asset's own materials with their textures as they were \
+                            given, 1,200 triangles) scores better here and is not in the file: 33.0 dB, FLIP 0.030";
             assert!(text.ends_with(sentence), "{text}");
             assert_eq!(text.matches("table calls").count(), 1, "{text}");
         }
@@ -280,10 +303,11 @@ mod tests {
             ("start", "start scores"),
         ] {
             let better = Some(stage(name, q(33.0, 0.03)));
-            let text = Verdict { better, ..Verdict::new(&[q(30.0, 0.05)], None) }.to_string();
+            let plain = || Verdict { written: Written::Decimated, ..Verdict::new(&[q(30.0, 0.05)], None) };
+            let text = Verdict { better, ..plain() }.to_string();
             assert!(text.contains(&format!(". What the table calls {words}")), "{text}");
             // A file that is to fit into bytes is not as what was fitted, though that is what was written.
-            let most = Verdict { better, max_bytes: Some(30_000), ..Verdict::new(&[q(30.0, 0.05)], None) };
+            let most = Verdict { better, max_bytes: Some(30_000), ..plain() };
             let text = most.to_string();
             assert_eq!(text.contains("1,200 triangles, whatever its bytes)"), name != "start", "{text}");
             assert!(!text.contains("looked worse"), "{text}");
@@ -293,6 +317,26 @@ mod tests {
         let (written, max_bytes) = (Written::Baked, Some(30_000));
         let lost = Verdict { better, written, max_bytes, ..Verdict::new(&[q(30.0, 0.05)], None) };
         assert!(lost.to_string().contains("which looked worse in the views of the choice)"), "{lost}");
+    }
+
+    #[test]
+    fn what_storing_a_file_costs_is_told_as_that() {
+        let q = |psnr: f64, flip: f64| Quality { psnr, flip, ..Quality::default() };
+        let told = |name, written, textured| {
+            let better = Some(stage(name, q(33.0, 0.03)));
+            Verdict { better, written, textured, ..Verdict::new(&[q(30.0, 0.05)], None) }.to_string()
+        };
+        for written in [Written::Fitted, Written::ShrinkWrapped, Written::Baked] {
+            let text = told(written.name(), written, true);
+            let sentence = format!("33.0 dB, FLIP 0.030 here ({} in the table)", written.name());
+            assert!(text.ends_with(&sentence) && text.contains("stored coarsely"), "{text}");
+            assert!(!text.contains("not in the file"), "{text}");
+        }
+        // The row of own materials is one of several decimations, and has all texels.
+        assert!(
+            told("decimated", Written::Decimated, true).contains("with their textures as they were given")
+        );
+        assert!(told("decimated", Written::Decimated, false).contains("(the asset's own materials, 1,200"));
     }
 
     #[test]
@@ -366,7 +410,7 @@ mod tests {
         let text = of(&[0.02, 0.06]).to_string();
         assert_eq!(
             text,
-            "looks close: PSNR 36.0 dB, FLIP 0.040 over 2 new views; worst FLIP 0.060 (34.0 dB) in view 2"
+            "looks close: PSNR 36.0 dB, FLIP 0.0400 over 2 new views; worst FLIP 0.0600 (34.0 dB) in view 2"
         );
     }
 }

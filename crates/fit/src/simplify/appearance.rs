@@ -40,7 +40,7 @@ impl Appearance {
 }
 
 /// The field of [`Appearance`].
-pub(super) const FIELD: &str = "appearance";
+const FIELD: &str = "appearance";
 
 /// What goes with the asset's own surface, and with colours of vertices.
 ///

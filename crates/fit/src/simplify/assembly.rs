@@ -67,11 +67,10 @@ pub(crate) fn simplify_asset(
         loss,
         seed: options.seed,
         batch: options.pictures_per_step(),
-        fresh: options.batch.div_ceil(2),
         steps: options.steps,
         rival: rival.quality,
         checkpointing: &checkpointing,
-        fingerprint: steering::of_fit(options, backs.share, &start.candidate),
+        fingerprint: steering::of_fit(options, (backs.share, rival.quality.is_some()), &start.candidate),
     };
     let fit_began = Instant::now();
     let rebake = |s: &Surface| {
@@ -108,7 +107,7 @@ pub(crate) fn simplify_asset(
     let mut outcome = Outcome::new(&delivery, file, trained, plan);
     outcome.device = device.name();
     outcome.choice_cut = cut;
-    outcome.add_traced_maps(traced_maps.course());
+    outcome.add_traced_maps(traced_maps);
     Ok(outcome)
 }
 

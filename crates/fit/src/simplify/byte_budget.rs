@@ -13,7 +13,7 @@ mod maps;
 mod tests;
 mod triangles;
 
-pub(super) use maps::{counted, planned};
+pub(super) use maps::{compared, counted, planned};
 pub(super) use triangles::{bytes_without_textures, others, triangles_within};
 
 use super::{Asset, SimplifyOptions};
@@ -30,6 +30,9 @@ const TEXELS_AT_ONCE: usize = 1 << 27;
 const IMAGES_MAX: usize = 8;
 /// Bytes of padding and JSON by which one encoding of an image may differ from another beside its own.
 const AROUND: usize = 128;
+
+/// What is told of the textures of a file that has none.
+pub(super) const NO_TEXTURES: &str = "none";
 
 /// An asset on one or several numbers of triangles, with the same materials and images.
 #[derive(Clone)]
@@ -73,7 +76,7 @@ impl Made {
         Ok(Self { file: to_glb_with(&scene, compression)?, scene, compression })
     }
 
-    fn bytes(&self) -> u64 {
+    pub(super) fn bytes(&self) -> u64 {
         self.file.len() as u64
     }
 }
@@ -355,7 +358,7 @@ pub(super) fn told(scene: &Scene) -> String {
         more => format!("{} and {more} more {how}", names[..MOST_NAMES].join(", ")),
     };
     match &groups[..] {
-        [] => "none".into(),
+        [] => NO_TEXTURES.into(),
         [(how, _)] => how.clone(),
         groups => groups.iter().map(named).collect::<Vec<_>>().join("; "),
     }

@@ -2,7 +2,7 @@
 
 use super::byte_budget::Budget;
 use super::delivery::Delivery;
-use super::{Appearance, Asset, Outcome, SimplifyOptions, Written, appearance, dressed, options, plain};
+use super::{Asset, Outcome, SimplifyOptions, Written, byte_budget, dressed, plain};
 use crate::candidate::{Candidate, SurfaceClass};
 use crate::engine::FitFrame;
 use crate::engine::judge::Stage;
@@ -18,16 +18,6 @@ use photofit_scene::Scene;
 use std::path::Path;
 use std::time::Instant;
 
-/// Refuses an asset without texture coordinates.
-fn check(scene: &Scene) -> Result<(), FitError> {
-    let has = |i: &photofit_scene::Instance| !scene.primitives[i.primitive].mesh.uvs.is_empty();
-    if scene.instances.iter().any(has) {
-        return Ok(());
-    }
-    let must = "needs texture coordinates, and the asset has none: without it the light asset gets new ones";
-    options::rule(appearance::FIELD, Appearance::Kept.name(), false, must)
-}
-
 /// Decimates an asset in several ways, and writes what looks best.
 pub(super) fn simplify(
     asset: Asset<'_>,
@@ -37,7 +27,6 @@ pub(super) fn simplify(
     progress: &dyn Progress,
 ) -> Result<Outcome, FitError> {
     let Asset { given, scene, n, .. } = asset;
-    check(scene)?;
     let reference = &*options.rasterized_against().reference(scene, n, options)?;
     let (views, count) = (options.orbit(options.resolution), options.choice_views());
     HeldOut::new(reference, &views, options.sampling(), count, options.seed)?.warn_unseen(progress);
@@ -45,22 +34,23 @@ pub(super) fn simplify(
     let first = plain::decimated(scene, n, &[], &plain::own(options.target, n, options))?;
     let best = plain::best(asset, first, reference, options.target, options, progress)?;
     let decimation = best.1.row();
-    let (light, compression) = match options.max_bytes {
-        None => (dressed(plain::kept(&best.0, n, options), asset, options), options.compression),
+    let (light, compression, counted) = match options.max_bytes {
+        None => (dressed(plain::kept(&best.0, n, options), asset, options), options.compression, None),
         Some(most) => {
             let budget = Budget { most, asset, reference, options, progress };
             let written = |stage: &Stage| plain::kept(stage, n, options);
             let shapes = plain::shapes(asset, &best, (options, progress), &written)?;
             let mut made = budget.within(&shapes)?;
             let best = budget.best(&made)?;
+            let counted = byte_budget::compared(options, given, (&shapes, best, progress.is_cancelled()));
             let (made, _) = budget.or_whole(made.swap_remove(best), None)?;
-            (made.scene, made.compression)
+            (made.scene, made.compression, counted)
         }
     };
     let cut = progress.is_cancelled();
     let delivery = Delivery { asset, reference, options, output, began, progress };
     let file = delivery.deliver((&light, compression), Written::Kept, Vec::new())?;
-    let plan = delivery.told(options.plan(given, reference.kind()), &file);
+    let plan = delivery.told(options.plan(given, reference.kind()).with_counted(counted), &file);
     let plan = plan.with_result(Written::Kept, [0; 2], (None, false)).with_decimation(Some(decimation));
     let shape = stand_in(file.file(), n.frame());
     let fitted = SurfacePlan::new(&shape, options.fit_request(reference.kind()));
@@ -91,7 +81,7 @@ fn stand_in(light: &Scene, frame: FitFrame) -> Candidate {
 #[cfg(test)]
 mod tests {
     use super::super::tests::{Heard, options, tiled};
-    use super::super::{Init, simplify};
+    use super::super::{Appearance, Init, simplify};
     use super::*;
     use crate::Silent;
     use crate::engine::asset::bits;
@@ -132,14 +122,20 @@ mod tests {
     }
 
     #[test]
-    fn an_asset_without_coordinates_is_refused() {
+    fn an_asset_without_coordinates_keeps_its_materials() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.glb");
         let mut scene = tiled();
-        scene.primitives[0].mesh.uvs.clear();
-        let path = std::env::temp_dir().join("never-written.glb");
-        let refused = simplify(&scene, &path, &kept(), &Silent).unwrap_err().to_string();
-        let part = "appearance is kept; it needs texture coordinates, and the asset has none";
-        assert!(refused.contains(part), "{refused}");
+        let parts = scene.primitives.iter_mut();
+        parts.for_each(|p| p.mesh.uvs.clear());
+        let made = simplify(&scene, &path, &kept(), &Silent).unwrap();
+        let light = photofit_scene::load(&path).unwrap();
+        assert_eq!((made.written, made.steps), (Written::Kept, 0));
+        assert!(
+            light.triangle_count() <= 200 && light.materials[0].base_color == scene.materials[0].base_color
+        );
         let sphere = SimplifyOptions { init: Init::Sphere, ..kept() };
+        let path = dir.path().join("never-written.glb");
         let refused = simplify(&tiled(), &path, &sphere, &Silent).unwrap_err().to_string();
         assert!(refused.contains("appearance is kept; it goes with"), "{refused}");
         assert!(!path.exists());

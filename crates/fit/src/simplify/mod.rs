@@ -64,6 +64,8 @@ use photofit_scene::Scene;
 use std::path::Path;
 use std::time::Instant;
 
+/// The stage of the asset's own materials on as many triangles.
+pub(crate) const DECIMATED: &str = "decimated";
 /// The stage of what was fitted, and that of the written file where it is another.
 pub(crate) const FITTED: &str = "fitted";
 pub(crate) const FILE: &str = "file";

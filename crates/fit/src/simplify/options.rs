@@ -192,6 +192,7 @@ impl SimplifyOptions {
             // As they were resolved: starts of a fit may come to all triangles, too.
             .without_steps((self.steps == 0 && self.lacks_nothing(scene)).then_some(NOTHING_LACKS))
             .with_appearance(self.appearance)
+            .with_own_materials(self.keeps_textures(scene))
             .with_judgement(self.judgement(scene))
             .with_occlusion(self.occlusion)
             .with_traced_maps(TracedMaps::planned(self).row())

@@ -1,7 +1,9 @@
 //! What a simplification gives back.
 
+use super::byte_budget::NO_TEXTURES;
 use super::delivery::{Delivered, Delivery};
-use super::{Appearance, Asset, Effort, FitPlan, Normalised, SimplifyOptions};
+use super::through_path::TracedMaps;
+use super::{Appearance, Asset, DECIMATED, Effort, FitPlan, Normalised, SimplifyOptions};
 use crate::candidate::Candidate;
 use crate::engine::judge::{Judged, Quality, ReportView, Stage, WIDEST_TRACED, beyond_rasterizer};
 use crate::engine::surface::Surface;
@@ -21,6 +23,13 @@ pub struct StageQuality {
     pub triangles: usize,
     /// The mean over the views of the report.
     pub quality: Quality,
+}
+
+impl StageQuality {
+    /// Whether it is the asset with its own materials, decimated.
+    pub fn has_own_materials(&self) -> bool {
+        self.name == DECIMATED
+    }
 }
 
 /// Figures and pictures of a finished simplification.
@@ -47,7 +56,8 @@ pub struct Outcome {
     /// Whether that ended the fit; else it ended what came after it: the choice of what is written, its textures within a budget of
     /// bytes, or the judgement.
     pub fit_stopped: bool,
-    /// The stages with their mean quality, in the order of [`ReportView::quality`]: `decimated` (the asset's own materials on as many
+    /// The stages with their mean quality, in the order of [`ReportView::quality`]: `original` (the asset itself as an engine draws it,
+    /// where engines draw it), `decimated` (the asset's own materials on as many
     /// triangles as the fit has; absent where the user stopped the work before the choice), the starts by their
     /// [`Written::name`] (`baked`, absent where there is but one, `shrink-wrapped`, or `sphere`: a new atlas and maps from the asset,
     /// nothing is fitted), `fitted` (what was fitted; absent where no step came to anything better than the start, or the user stopped
@@ -196,6 +206,11 @@ impl Outcome {
         self.stages.last().map(|s| &s.quality)
     }
 
+    /// Whether the file has textures.
+    pub fn has_textures(&self) -> bool {
+        self.textures != NO_TEXTURES
+    }
+
     /// Whether the file has more bytes than it was to have.
     pub fn is_too_large(&self) -> bool {
         self.max_bytes.is_some_and(|most| self.bytes > most)
@@ -204,7 +219,7 @@ impl Outcome {
     /// Whether what was written was compared with what else could be. Where the user stopped the work before, it is the best of
     /// the fit's own course.
     pub fn was_chosen(&self) -> bool {
-        self.written == Written::Kept || self.stage("decimated").is_some()
+        self.written == Written::Kept || self.stage(DECIMATED).is_some()
     }
 
     /// How the pictures of the report were made, in words.
@@ -228,11 +243,29 @@ impl Outcome {
     }
 
     /// Adds the fit of the maps through the path tracer, where there was one.
-    pub(super) fn add_traced_maps(&mut self, course: Option<MapsCourse>) {
-        let stopped = course.as_ref().is_some_and(|c| c.stopped);
-        self.stopped |= stopped;
-        self.fit_stopped |= stopped;
-        self.traced_maps = course;
+    pub(super) fn add_traced_maps(&mut self, maps: TracedMaps) {
+        self.stopped |= maps.stopped();
+        self.fit_stopped |= maps.stopped();
+        self.traced_maps = maps.course();
+    }
+
+    /// What was written of work that the user, or a time limit, ended early; `None` where it was not.
+    pub fn ended_early(&self) -> Option<&'static str> {
+        Some(match (self.fit_stopped, self.was_chosen()) {
+            (true, true) => {
+                "the fit was ended early: what is written is the best of what it had reached and of what needs no fit"
+            }
+            (true, false) => {
+                "the fit was ended early: the best of its course is written, without a choice among others"
+            }
+            (false, false) => {
+                "the work was ended after the fit: the best of its course is written, without a choice among others"
+            }
+            (false, true) if self.stopped => {
+                "the work was ended early: what was left to compare was not compared"
+            }
+            (false, true) => return None,
+        })
     }
 
     /// Of a file that was delivered; what was trained, which steered no file of [`Written::Kept`]; and what ran.

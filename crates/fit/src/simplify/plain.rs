@@ -3,7 +3,7 @@
 use super::byte_budget::{Shapes, bytes_without_textures, counted_in, others};
 use super::options::MILD_RATIO;
 use super::prepare::{decimated_only, importance};
-use super::{Asset, Normalised, SimplifyOptions, locks};
+use super::{Asset, DECIMATED, Normalised, SimplifyOptions, locks};
 use crate::bake::Occlusion;
 use crate::engine::judge::{self, Certainty, Stage, beyond_rasterizer};
 use crate::engine::plan::Item;
@@ -62,7 +62,7 @@ pub(super) fn decimated(
     importance: &[f32],
     how: &Options,
 ) -> Result<Stage, FitError> {
-    decimated_only("decimated", scene, n, importance, how)
+    decimated_only(DECIMATED, scene, n, importance, how)
 }
 
 /// How decimations to the same number of triangles differ.
@@ -209,6 +209,7 @@ pub(super) fn candidate(
 /// halves them as far as it needs, leaves them their texels, too.
 pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> Scene {
     let mut light = kept(stage, n, options);
+    drop_unread_coordinates(&mut light);
     if options.whole_textures
         && light.triangle_count() as f64 >= MILD_RATIO * n.flat.mesh.triangles.len() as f64
     {
@@ -240,6 +241,18 @@ pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) 
         }
     }
     light
+}
+
+/// Drops texture coordinates and tangents that no texture of their material reads.
+fn drop_unread_coordinates(scene: &mut Scene) {
+    for primitive in &mut scene.primitives {
+        let material = &scene.materials[primitive.material];
+        if material.texture_slots().next().is_none() && !material.needs_tangents() {
+            primitive.mesh.uvs.clear();
+            primitive.mesh.uvs1.clear();
+            primitive.mesh.tangents.clear();
+        }
+    }
 }
 
 /// Drops primitives without triangles, and materials and images that nothing shows.

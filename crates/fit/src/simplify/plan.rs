@@ -51,6 +51,8 @@ pub struct FitPlan {
     occlusion: Option<Occlusion>,
     /// What the light asset has in place of the asset's surface.
     appearance: Option<Appearance>,
+    /// Whether the asset's own materials may be written.
+    may_be_own: Option<bool>,
     /// Smallest and largest picture that mip levels with texels of their own are fitted to, pixels.
     mips: Option<[usize; 2]>,
     /// Shares of pixels and of views that show the backs of single-sided surfaces.
@@ -104,6 +106,7 @@ impl FitPlan {
             device: None,
             occlusion: None,
             appearance: None,
+            may_be_own: None,
             mips: None,
             backs: None,
             outline: None,
@@ -169,6 +172,12 @@ impl FitPlan {
     #[must_use]
     pub fn with_appearance(self, appearance: Appearance) -> Self {
         Self { appearance: Some(appearance), ..self }
+    }
+
+    /// Adds whether the asset's own materials may be written.
+    #[must_use]
+    pub(crate) fn with_own_materials(self, may: bool) -> Self {
+        Self { may_be_own: Some(may), ..self }
     }
 
     /// Adds the sizes that mip levels with texels of their own are fitted to; nothing is told without.
@@ -320,7 +329,8 @@ impl FitPlan {
             }
         }
         let occlusion = self.occlusion.filter(|_| self.appearance.is_some());
-        self.asset.data_items(occlusion, self.surface(), &mut items);
+        let whole = self.result.is_some_and(|r| r.written == Written::Whole);
+        self.asset.data_items(occlusion, self.surface(), whole, &mut items);
         self.option_items(&mut items);
         items.extend(self.traced_maps.clone());
         items.extend(self.judgement.as_ref().map(Judgement::item));
@@ -337,13 +347,15 @@ impl FitPlan {
 
     /// What the light asset has of the asset's surface, as far as it is known.
     fn surface(&self) -> LightSurface {
+        let colors = self.appearance == Some(Appearance::VertexColors);
+        let made = if colors { LightSurface::Colors } else { LightSurface::New };
         match (self.appearance, self.result.map(|r| r.written)) {
             (Some(Appearance::Kept), _) => LightSurface::Own,
             (_, Some(written)) if written.has_own_surface() => LightSurface::Own,
-            (Some(Appearance::VertexColors), None) if !self.asset.textured => LightSurface::Open,
-            (Some(Appearance::VertexColors), _) => LightSurface::Colors,
-            (_, Some(_)) => LightSurface::New,
-            (_, None) => LightSurface::Open,
+            (_, Some(_)) => made,
+            // Textures of its own go with no colours of vertices.
+            (_, None) if self.may_be_own.unwrap_or(!colors || !self.asset.textured) => LightSurface::Open,
+            (_, None) => made,
         }
     }
 

@@ -6,22 +6,24 @@ use crate::engine::checkpoint;
 use crate::engine::fingerprint::Fingerprint;
 use photofit_geometry::decimate::Target;
 
-/// The options and the topology that steer a fit, a share of whose views shows backs.
-pub(super) fn of_fit(o: &SimplifyOptions, backs: f32, start: &Candidate) -> Fingerprint {
+/// The options and the topology that steer a fit, a share of whose views shows `backs`, and which may end far behind a `rival`.
+pub(super) fn of_fit(o: &SimplifyOptions, (backs, rival): (f32, bool), start: &Candidate) -> Fingerprint {
     let mut digest = checkpoint::Digest::new();
     digest.add(start.triangles.as_flattened());
     digest.add(&start.uvs);
-    let digest = format!("{:016x}", digest.value());
-    of_options(o).option("single-sided backs", backs).digest("shape that the fit starts from", digest)
+    let all =
+        of_options(o).option("single-sided backs", backs).option("ends far behind own materials", rival);
+    all.digest("shape that the fit starts from", digest)
 }
 
 /// The options that steer a fit.
 pub(super) fn of_options(o: &SimplifyOptions) -> Fingerprint {
     let all = match o.target {
         // Triangles follow from them, and from the asset.
-        _ if o.triangles_by_bytes => {
-            Fingerprint::default().option("max_bytes", o.max_bytes.unwrap_or_default())
-        }
+        _ if o.triangles_by_bytes => Fingerprint::default()
+            .option("max_bytes", o.max_bytes.unwrap_or_default())
+            .option("compress", o.compression.name())
+            .option("textures", format!("{:?}", o.texture_encoding)),
         Target::Triangles(n) => Fingerprint::default().option("triangles", n),
         Target::Ratio(r) => Fingerprint::default().option("ratio", r),
         Target::Error(e) => Fingerprint::default().option("error", e),

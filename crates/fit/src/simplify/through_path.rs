@@ -55,8 +55,8 @@ pub(super) enum TracedMaps {
     Skipped(String),
     /// It was made.
     Made(MapsCourse),
-    /// It was made, and something else is written, as is told.
-    Beaten(&'static str),
+    /// It was made, maybe not to its end, and something else is written, as is told.
+    Beaten { why: &'static str, stopped: bool },
 }
 
 impl TracedMaps {
@@ -71,7 +71,10 @@ impl TracedMaps {
 
     /// The same where something else is written than maps that looked better: what, or why.
     pub(super) fn beaten_by(self, what: &'static str) -> Self {
-        if self.gained() { Self::Beaten(what) } else { self }
+        match self {
+            Self::Made(course) if course.gained() => Self::Beaten { why: what, stopped: course.stopped },
+            other => other,
+        }
     }
 
     /// Whether maps were made that look better than those before.
@@ -88,12 +91,17 @@ impl TracedMaps {
             Self::Made(course) if course.steps == 0 => (false, "the work was ended before the first step"),
             Self::Made(_) if self.gained() => (true, "fitted once more, after the rasterizer"),
             Self::Made(_) => (true, "fitted once more; none looked better, and those before are written"),
-            Self::Beaten(what) => {
-                let why = format!("fitted once more; {what}");
+            Self::Beaten { why, .. } => {
+                let why = format!("fitted once more; {why}");
                 return Some(Item { what: "path traced maps", runs: true.into(), why });
             }
         };
         Some(Item { what: "path traced maps", runs: runs.into(), why: why.into() })
+    }
+
+    /// Whether it ended before its end.
+    pub(super) fn stopped(&self) -> bool {
+        matches!(self, Self::Made(MapsCourse { stopped: true, .. }) | Self::Beaten { stopped: true, .. })
     }
 
     /// How the fit of what is written went.

@@ -250,7 +250,7 @@ fn attributes_value(mesh: &Mesh, material: usize, writer: &mut Writer) -> Value 
     }
     if !mesh.colors.is_empty() {
         let unit: Vec<Vec4f> = mesh.colors.iter().map(|c| c.map(|x| x.clamp(0.0, 1.0))).collect();
-        add("COLOR_0", writer.rounded(bytemuck::cast_slice(&unit), 4, Rounding::Unit).0);
+        add("COLOR_0", writer.colors(&unit));
     }
     let mut primitive = json!({"attributes": attributes, "material": material});
     if mesh.triangles.is_empty() {

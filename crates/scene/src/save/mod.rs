@@ -18,7 +18,8 @@ pub use lods::save_glb_lods;
 
 use crate::error::{Fault, fault};
 use crate::{Camera, Scene, SceneError};
-use serde_json::{Map, Value, json};
+use photofit_scalar::Vec4f;
+use serde_json::{Map, Number, Value, json};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::Path;
 
@@ -177,6 +178,31 @@ impl Writer {
         self.accessor(&bytes, target, 5126, values.len() / components, components)
     }
 
+    /// Appends colours in [0, 1], uncompressed as integers where these hold the same bits, and without an alpha that is 1 everywhere.
+    fn colors(&mut self, colors: &[Vec4f]) -> usize {
+        let values: &[f32] = bytemuck::cast_slice(colors);
+        if self.compression != Compression::None {
+            return self.rounded(values, 4, compress::Rounding::Unit).0;
+        }
+        let in_steps = |most: f32| {
+            let steps = values.iter().map(|x| (x * most).round());
+            steps.clone().zip(values).all(|(k, x)| k / most == *x).then(|| steps.collect::<Vec<f32>>())
+        };
+        let (bytes, component) = if let Some(steps) = in_steps(255.0) {
+            (steps.into_iter().map(|k| k as u8).collect::<Vec<u8>>(), 5121)
+        } else if let Some(steps) = in_steps(65535.0) {
+            (steps.into_iter().flat_map(|k| (k as u16).to_le_bytes()).collect(), 5123)
+        } else if colors.iter().all(|c| c.w == 1.0) {
+            let opaque: Vec<f32> = colors.iter().flat_map(|c| [c.x, c.y, c.z]).collect();
+            return self.floats(&opaque, 3, Some(VERTICES));
+        } else {
+            return self.floats(values, 4, Some(VERTICES));
+        };
+        let accessor = self.accessor(&bytes, Some(VERTICES), component, colors.len(), 4);
+        self.accessors[accessor]["normalized"] = json!(true);
+        accessor
+    }
+
     fn accessor(
         &mut self,
         bytes: &[u8],
@@ -260,9 +286,33 @@ impl Writer {
                 root.insert(key.into(), Value::Array(values));
             }
         }
-        let mut json = Value::Object(root).to_string().into_bytes();
+        let mut root = Value::Object(root);
+        shorten(&mut root);
+        let mut json = root.to_string().into_bytes();
         json.resize(json.len().next_multiple_of(4), b' ');
         container(&json, &self.binary)
+    }
+}
+
+/// Gives numbers that are single precision floats the fewest digits that are read back as the same float; application data stay.
+fn shorten(value: &mut Value) {
+    match value {
+        Value::Number(number) => {
+            let Some(x) = number.as_f64().filter(|_| number.is_f64()) else { return };
+            let single = x as f32;
+            if f64::from(single) == x
+                && let Ok(short) = single.to_string().parse::<f64>()
+                && short as f32 == single
+                && let Some(short) = Number::from_f64(short)
+            {
+                *number = short;
+            }
+        }
+        Value::Array(values) => values.iter_mut().for_each(shorten),
+        Value::Object(map) => {
+            map.iter_mut().filter(|(key, _)| *key != "extras").for_each(|(_, value)| shorten(value));
+        }
+        Value::Null | Value::Bool(_) | Value::String(_) => {}
     }
 }
 

@@ -507,3 +507,46 @@ fn images_are_what_is_read_again_once_they_are_stored() {
         }
     }
 }
+
+/// Colours are integers where these hold the same bits, and numbers are written with the fewest digits that give the same float.
+#[test]
+fn colours_and_numbers_take_few_bytes_and_come_back() {
+    for (channel, alpha, component, kind) in [
+        (51.0 / 255.0, 1.0, 5121, "VEC4"),
+        (1234.0 / 65535.0, 1.0, 5123, "VEC4"),
+        (0.123_456_79, 1.0, 5126, "VEC3"),
+        (0.123_456_79, 0.25, 5126, "VEC4"),
+    ] {
+        let color = vec4(channel, 1.0, 0.0, alpha);
+        let mesh = Mesh {
+            positions: vec![vec3(0.1, 0.2, 0.3), vec3(1.1, 0.0, 0.0), vec3(0.0, 1.7, 0.0)],
+            colors: vec![color; 3],
+            triangles: vec![[0, 1, 2]],
+            ..Mesh::default()
+        };
+        let extras = Some(serde_json::json!({"kept": f64::from(0.1_f32)}));
+        let scene = Scene {
+            primitives: vec![Primitive { mesh, material: 0 }],
+            instances: vec![Instance { primitive: 0, transform: Affine3A::IDENTITY }],
+            materials: vec![Material { base_color: [0.8, 0.1, 0.3, 1.0], extras, ..Material::default() }],
+            ..Scene::default()
+        };
+        let bytes = to_glb(&scene).unwrap();
+        let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+        let text = std::str::from_utf8(&bytes[20..20 + length]).unwrap();
+        let json: Value = serde_json::from_str(text).unwrap();
+        let accessor = json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"].as_u64().unwrap() as usize;
+        let accessor = &json["accessors"][accessor];
+        assert_eq!(
+            (accessor["componentType"].as_u64(), accessor["type"].as_str()),
+            (Some(component), Some(kind))
+        );
+        assert_eq!(accessor["normalized"].as_bool().unwrap_or(false), component != 5126);
+        assert!(text.contains("[0.8,0.1,0.3,1.0]") && text.contains("[1.1,1.7,0.3]"), "{text}");
+        assert!(text.contains("0.10000000149011612"), "application data are as they were: {text}");
+        let after = round_trip(&scene);
+        assert_eq!(after.primitives[0].mesh.colors, vec![color; 3]);
+        assert_eq!(after.primitives[0].mesh.positions, scene.primitives[0].mesh.positions);
+        assert_eq!(after.materials, scene.materials);
+    }
+}

@@ -39,15 +39,36 @@ pub(in crate::simplify) fn planned(options: &SimplifyOptions, scene: &Scene) -> 
         _ if !options.triangles_by_bytes => return None,
         Appearance::Kept if all => (Runs::No, "all stay"),
         Appearance::Kept if scene.images.is_empty() => (Runs::Yes, "as many as take all of the bytes"),
-        Appearance::Kept => (
-            Runs::Yes,
-            "what takes a quarter, a half, three quarters and nine tenths of the bytes is compared",
-        ),
+        Appearance::Kept => {
+            (Runs::Yes, "decimations whose geometry takes several parts of the bytes are compared")
+        }
         _ if options.lacks_nothing(scene) => (Runs::No, "all stay"),
         Appearance::Maps => (Runs::Open, "starts decide whose geometry takes several parts of the bytes"),
         Appearance::VertexColors => (Runs::Open, "as many as take all of the bytes in a start"),
     };
     Some(Item { what: ROW, runs, why: why.into() })
+}
+
+/// The row of the plan after decimations of an asset were compared, of which one was `chosen`; `cut`: without being looked at.
+pub(in crate::simplify) fn compared(
+    options: &SimplifyOptions,
+    scene: &Scene,
+    (shapes, chosen, cut): (&Shapes, usize, bool),
+) -> Option<Item> {
+    let planned = planned(options, scene)?;
+    if planned.runs == Runs::No {
+        return Some(planned);
+    }
+    let mut counts: Vec<String> = shapes.bare.iter().map(|s| s.triangle_count().to_string()).collect();
+    let chosen = counts.swap_remove(chosen);
+    let why = match (&counts[..], cut) {
+        ([], _) => format!("{chosen}; no other number was made to fit"),
+        (others, false) => format!("{chosen} look best; {} were compared with them", others.join(", ")),
+        (others, true) => {
+            format!("{chosen}; the work was ended before {} were compared with them", others.join(", "))
+        }
+    };
+    Some(Item { why, ..planned })
 }
 
 /// The options with as many triangles as look best within the bytes in starts of what is to be fitted, where triangles follow from bytes
@@ -120,10 +141,18 @@ impl Budget<'_> {
         let told = |k: usize, why: &str| {
             let Started { triangles, size, .. } = tried[k];
             let percent = 100.0 * size[1] / most as f64;
-            Ok((triangles, format!("the geometry of their start takes {percent:.0}% of the bytes{why}")))
+            Ok((
+                triangles,
+                format!("the geometry of a start on as many takes {percent:.0}% of the bytes{why}"),
+            ))
         };
         match found[..] {
-            [] => return Ok((MIN_TRIANGLES.min(all), "the geometry of no start with more fits".into())),
+            [] => {
+                return Ok((
+                    MIN_TRIANGLES.min(all),
+                    "no other start that was tried has geometry that fits".into(),
+                ));
+            }
             [only] => return told(only, ""),
             // Who stopped the work does not wait for a choice.
             [first, ..] if progress.is_cancelled() => return told(first, ""),

@@ -354,15 +354,22 @@ fn own_textures_of_an_asset_with_glass_are_written_too() {
     assert!(as_kept == file, "the same decimation and textures without a fit");
 }
 
-/// Says stop once a stage is reported.
+/// Says stop once a stage is reported from so many steps of it on.
 struct StopsAt {
     stage: &'static str,
+    from: u64,
     reached: AtomicBool,
 }
 
+impl StopsAt {
+    fn new(stage: &'static str, from: u64) -> Self {
+        Self { stage, from, reached: AtomicBool::new(false) }
+    }
+}
+
 impl Progress for StopsAt {
-    fn report(&self, stage: &'static str, _: u64, _: u64, _: &str) {
-        self.reached.fetch_or(stage == self.stage, Ordering::Relaxed);
+    fn report(&self, stage: &'static str, done: u64, _: u64, _: &str) {
+        self.reached.fetch_or(stage == self.stage && done >= self.from, Ordering::Relaxed);
     }
     fn warn(&self, _: &str) {}
     fn is_cancelled(&self) -> bool {
@@ -384,7 +391,7 @@ fn a_stopped_run_within_bytes_goes_on_to_the_same_file() {
     let (whole, bytes) = file(&o, &Silent);
     assert_eq!((whole.written, bytes.len() <= 4_500), (Written::Decimated, true), "{:?}", whole.stages);
     let fitting = Watching::stopping_at;
-    let at = |stage| StopsAt { stage, reached: AtomicBool::new(false) };
+    let at = |stage| StopsAt::new(stage, 0);
     let stops: [&dyn Progress; 5] = [&fitting(0), &fitting(17), &at("choose"), &at("encode"), &at("report")];
     for (k, stop) in stops.into_iter().enumerate() {
         let checkpoint = Some(dir.path().join(format!("state{k}")));
@@ -415,6 +422,32 @@ fn maps_of_what_is_written_within_bytes_are_fitted_through_the_path_tracer() {
     let row = items.iter().find(|i| i.what == "path traced maps").expect("a row");
     assert!(row.why.starts_with("fitted once more"), "{row:?}");
     assert!(made.traced_maps.is_none_or(|m| m.steps == 4));
+}
+
+/// Who stops such a fit gets the maps that it had reached, where their file fits.
+#[test]
+fn maps_of_a_stopped_fit_through_the_path_tracer_are_written_within_bytes() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    let o = SimplifyOptions {
+        target: Target::Triangles(200),
+        max_bytes: Some(200_000),
+        texture_size: 32,
+        steps: 60,
+        judge_spp: 16,
+        reference: ReferenceRenderer::Path,
+        fit_with: FitRenderer::Path,
+        ..options()
+    };
+    let made = simplify(&tiled(), &path, &o, &StopsAt::new("maps", 40)).unwrap();
+    let maps = made.traced_maps.as_ref().expect("they looked better when the work was stopped");
+    assert!(maps.gained() && maps.stopped && maps.steps < 60, "{} steps: {:?}", maps.steps, maps.history);
+    assert!(made.fit_stopped && made.stopped && made.ended_early().unwrap().contains("the fit was ended"));
+    let told = made.plan.to_string();
+    assert!(
+        told.contains("fitted once more through the path tracer") && !told.contains("look better"),
+        "{told}"
+    );
 }
 
 /// The quality of what is stored with loss is the best with which the file fits.
@@ -506,6 +539,37 @@ fn triangles_of_new_maps_are_counted_by_what_they_take() {
             assert!(told.contains("run  triangles by bytes") && told.contains(&percent), "{percent}: {told}");
             assert!(std::fs::metadata(&path).unwrap().len() <= most);
         }
+    }
+}
+
+/// Looks decide how many triangles share the bytes with maps: many where the shape alone shows, few where it is flat and its texture
+/// is not.
+#[test]
+fn the_number_of_triangles_is_that_whose_file_looks_best() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    let bumpy = of(displaced_sphere(40, 0.3, 5, 3), Material::clay());
+    let mut flat = tiled();
+    let noise = (0..64_u32 * 64).map(|k| {
+        let [r, g, b, _] = k.wrapping_mul(0x9e37_79b9).to_le_bytes();
+        [r, g, b, 255]
+    });
+    flat.images =
+        vec![TextureImage { width: 64, height: 64, texels: noise.collect(), ..TextureImage::default() }];
+    for (asset, most, expected) in [(bumpy, 60_000, 0.6..1.0), (flat, 30_000, 0.0..0.45)] {
+        let o = SimplifyOptions {
+            own_textures: false,
+            triangles_by_bytes: true,
+            max_bytes: Some(most),
+            texture_size: 64,
+            steps: 0,
+            ..options()
+        };
+        let made = simplify(&asset, &path, &o, &Silent).unwrap();
+        let light = photofit_scene::load(&path).unwrap();
+        let part = super::bytes_without_textures(&light, Compression::None).unwrap() as f64 / most as f64;
+        assert!(expected.contains(&part), "{part} of {most}: {}", made.plan);
+        assert!(made.plan.to_string().contains("the best of"), "{}", made.plan);
     }
 }
 

@@ -160,11 +160,12 @@ impl Asset {
     }
 
     /// What is read of the asset's data, and what becomes of it.
-    /// `occlusion` says where occlusion maps come from, if it is known.
+    /// `occlusion` says where occlusion maps come from, if it is known, `whole` whether the asset is written as it was given.
     pub(super) fn data_items(
         &self,
         occlusion: Option<Occlusion>,
         surface: LightSurface,
+        whole: bool,
         items: &mut Vec<Item>,
     ) {
         let mut item = |what, runs: bool, why: String| items.push(Item { what, runs: runs.into(), why });
@@ -187,6 +188,7 @@ impl Asset {
             false,
             match self.animations {
                 0 => "none".into(),
+                n if whole => format!("{n} of the asset, which are written as they are"),
                 n => format!("{n} of the asset, left out: the light asset stands as the asset does"),
             },
         );
@@ -220,7 +222,7 @@ impl Asset {
             }
         };
         let why = match &self.extensions[..] {
-            [] => "none".into(),
+            [] => "none that the rasterizer does not draw".into(),
             names => format!("{}: {how}", names.join(", ")),
         };
         item("material extensions", false, why);

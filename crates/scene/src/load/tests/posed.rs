@@ -172,6 +172,7 @@ fn everything_that_moves_comes_back() {
         assert_eq!(pose(&before), pose(&after), "{time}");
     }
     assert_eq!(to_glb(&before).unwrap(), to_glb(&after).unwrap(), "the same bytes");
+    assert_eq!(before.left_out(&after), Vec::<String>::new());
 }
 
 #[test]
