@@ -351,7 +351,13 @@ fn own_textures_of_an_asset_with_glass_are_written_too() {
     let kept = SimplifyOptions { appearance: Appearance::Kept, ..of_glass() };
     let (kept, as_kept) = with_own(&glazed(), &path, Some(22_000), kept);
     assert_eq!(kept.written, Written::Kept);
-    assert!(as_kept == file, "the same decimation and textures without a fit");
+    // The same decimation and textures without a fit; coordinates that no texture reads stay.
+    let shape = |file: &[u8]| {
+        let scene = photofit_scene::from_glb(file).unwrap();
+        let parts = scene.primitives.iter().map(|p| (p.mesh.positions.clone(), p.mesh.triangles.clone()));
+        (parts.collect::<Vec<_>>(), scene.images.iter().map(|i| i.texels.clone()).collect::<Vec<_>>())
+    };
+    assert!(shape(&as_kept) == shape(&file) && as_kept.len() > file.len());
 }
 
 /// Says stop once a stage is reported from so many steps of it on.
@@ -535,8 +541,10 @@ fn triangles_of_new_maps_are_counted_by_what_they_take() {
             assert!(all || near, "{appearance:?}: {part} of {most}");
             assert!(!all || (appearance, most) == (Appearance::VertexColors, 40_000), "fewer are asked for");
             let told = made.plan.to_string();
-            let percent = format!("takes {:.0}% of the bytes", 100.0 * part);
-            assert!(told.contains("run  triangles by bytes") && told.contains(&percent), "{percent}: {told}");
+            // Names and types of images take a few bytes more or less than in the start.
+            let near = [-0.2, 0.0, 0.2].map(|off| format!("takes {:.0}% of the bytes", 100.0 * part + off));
+            let holds = near.iter().any(|percent| told.contains(percent));
+            assert!(told.contains("run  triangles by bytes") && holds, "{near:?}: {told}");
             assert!(std::fs::metadata(&path).unwrap().len() <= most);
         }
     }
@@ -556,7 +564,7 @@ fn the_number_of_triangles_is_that_whose_file_looks_best() {
     });
     flat.images =
         vec![TextureImage { width: 64, height: 64, texels: noise.collect(), ..TextureImage::default() }];
-    for (asset, most, expected) in [(bumpy, 60_000, 0.6..1.0), (flat, 30_000, 0.0..0.45)] {
+    for (asset, most, expected) in [(bumpy, 60_000, 0.6..1.0), (flat, 16_000, 0.0..0.45)] {
         let o = SimplifyOptions {
             own_textures: false,
             triangles_by_bytes: true,
