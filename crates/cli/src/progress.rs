@@ -39,8 +39,12 @@ struct State {
     step: usize,
     began: Instant,
     spoke: Instant,
-    /// Units that were done when the stage began: a resumed fit does not begin at 0.
+    /// When the count of units began, how many were done then (a resumed fit does not begin at 0), how many are by now, and of how many:
+    /// a stage may count several times.
+    counting: Instant,
     first: u64,
+    done: u64,
+    total: u64,
 }
 
 impl Terminal {
@@ -73,7 +77,17 @@ impl Terminal {
         Self {
             steps,
             rounds,
-            state: Mutex::new(State { bar, stage: "", step: 0, began: now, spoke: now, first: 0 }),
+            state: Mutex::new(State {
+                bar,
+                stage: "",
+                step: 0,
+                began: now,
+                spoke: now,
+                counting: now,
+                first: 0,
+                done: 0,
+                total: 0,
+            }),
             warnings: Mutex::default(),
         }
     }
@@ -138,7 +152,10 @@ impl State {
         let made = done.saturating_sub(self.first);
         let left = match made {
             0 => String::new(),
-            n => format!(", {:.0} s left at most", elapsed / n as f64 * total.saturating_sub(done) as f64),
+            n => {
+                let counted = self.counting.elapsed().as_secs_f64();
+                format!(", {:.0} s left at most", counted / n as f64 * total.saturating_sub(done) as f64)
+            }
         };
         let note = if note.is_empty() { String::new() } else { format!(", {note}") };
         say(&format!("{} {done}/{total}{note}, {elapsed:.0} s{left}", self.name(steps)));
@@ -154,13 +171,21 @@ impl Progress for Terminal {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         if stage != state.stage {
             state.end_stage(self.steps.len());
-            (state.stage, state.began, state.first) = (stage, Instant::now(), done);
+            (state.stage, state.began) = (stage, Instant::now());
+            (state.counting, state.first) = (state.began, done);
             state.step = self.step_of(stage, state.step);
             if let Some(bar) = &state.bar {
                 bar.reset();
                 bar.set_message(state.name(self.steps.len()));
             }
         }
+        if done < state.done || total != state.total {
+            (state.counting, state.first) = (Instant::now(), done);
+            if let Some(bar) = &state.bar {
+                bar.reset_eta();
+            }
+        }
+        (state.done, state.total) = (done, total);
         match &state.bar {
             Some(bar) => {
                 bar.set_length(total);

@@ -122,7 +122,7 @@ impl Reference for GivenPictures {
         } else {
             image.clone()
         };
-        Ok(ReferencePicture { image, noise: None })
+        Ok(ReferencePicture { image, noise: None, halves: None })
     }
 
     fn bounds(&self, _: Moment) -> Sphere {

@@ -25,7 +25,10 @@ use super::reference::{
 use super::views::{Lighting, Orbit, Set, Views};
 use crate::{FitError, Progress};
 use photofit_geometry::{Mesh, Split};
-use photofit_image::{Image, dilate, flip, luminance, psnr_from_mse, squared_error, ssim, to_display};
+use photofit_image::{
+    ErrorMap, Image, dilate, flip, luminance, psnr_from_mse, squared_error, squared_error_of_halves, ssim,
+    to_display,
+};
 use photofit_scalar::Vec3f;
 use photofit_scene::{FlatScene, Instance, Material, Primitive, Scene, SurfaceLibrary};
 use std::collections::{BTreeMap, BTreeSet};
@@ -141,6 +144,11 @@ pub enum JudgeRenderer {
     /// The path tracer, whatever they hold.
     Path,
 }
+
+/// Path traced pictures of stages have the same noise, and that of the reference another: with the same, what has the reference's own
+/// materials would be near it by its noise, too.
+const OF_REFERENCE: u64 = 0;
+const OF_STAGES: u64 = 1;
 
 /// Divides the samples of a path traced pixel where stages are only put in order.
 const CHOICE_COARSER: u32 = 4;
@@ -382,8 +390,10 @@ impl Judge<'_> {
         stages: &[Stage],
         spp: u32,
     ) -> Result<(PathTraced<'static>, Vec<PathTraced<'static>>), FitError> {
-        let reference = PathTraced::new(self.scene, self.n, MaterialFeatures::All, self.seed)?.sampled(spp);
-        let stages = stages.iter().map(|s| Ok(s.traced(self.n, self.seed)?.sampled(spp)));
+        let reference = PathTraced::new(self.scene, self.n, MaterialFeatures::All, self.seed)?;
+        let reference = reference.sampled(spp).in_halves(OF_REFERENCE);
+        let stages =
+            stages.iter().map(|s| Ok(s.traced(self.n, self.seed)?.sampled(spp).in_halves(OF_STAGES)));
         Ok((reference, stages.collect::<Result<_, FitError>>()?))
     }
 
@@ -466,11 +476,11 @@ fn compared(
         }
         let s = views.setup(set, i, count);
         let picture = |of: &dyn Reference| of.picture_unless(&s, &stop);
-        let Some(ReferencePicture { image, .. }) = picture(reference)? else { break };
-        let quality = stages.iter().map(|c| Ok(picture(*c)?.map(|p| view_quality(&image, &p.image))));
+        let Some(seen) = picture(reference)? else { break };
+        let quality = stages.iter().map(|c| Ok(picture(*c)?.map(|p| picture_quality(&seen, &p))));
         // A view that was stopped half way counts for none.
         let Some(quality) = quality.collect::<Result<Option<_>, FitError>>()? else { break };
-        out.push(ReportView { reference: display(&image), quality });
+        out.push(ReportView { reference: display(&seen.image), quality });
     }
     Ok(out)
 }
@@ -503,6 +513,28 @@ fn luminance_ratio(reference: &Image, candidate: &Image) -> f64 {
 /// If the sizes differ.
 pub fn view_quality(reference: &Image, candidate: &Image) -> ViewQuality {
     let (r, c) = (display(reference), display(candidate));
+    let squares = squared_error(&r, &c);
+    quality((reference, r), (candidate, c), &squares)
+}
+
+/// The same of pictures of references. Of those that were made in halves noise does not count in PSNR; it does in the other figures.
+pub(crate) fn picture_quality(reference: &ReferencePicture, candidate: &ReferencePicture) -> ViewQuality {
+    let (Some(r), Some(c)) = (&reference.halves, &candidate.halves) else {
+        return view_quality(&reference.image, &candidate.image);
+    };
+    let [r1, r2] = r.each_ref().map(display);
+    let [c1, c2] = c.each_ref().map(display);
+    let squares = squared_error_of_halves([&r1, &r2], [&c1, &c2]);
+    let shown = |p: &ReferencePicture| display(&p.image);
+    quality((&reference.image, shown(reference)), (&candidate.image, shown(candidate)), &squares)
+}
+
+/// How near two renderings are that are shown so, and differ by so much.
+fn quality(
+    (reference, r): (&Image, Image),
+    (candidate, c): (&Image, Image),
+    squares: &ErrorMap,
+) -> ViewQuality {
     let coverages =
         || reference.data.chunks_exact(4).zip(candidate.data.chunks_exact(4)).map(|(a, b)| (a[3], b[3]));
     let covered: Vec<bool> = coverages().map(|(a, b)| a > 0.02 || b > 0.02).collect();
@@ -510,16 +542,16 @@ pub fn view_quality(reference: &Image, candidate: &Image) -> ViewQuality {
     let mask = dilate(&covered, reference.width, reference.height, margin);
     let over = |m: Option<f64>| m.unwrap_or(0.0);
     let flip_map = flip(&r, &c, PIXELS_PER_DEGREE);
-    let squares = squared_error(&r, &c);
     let outline = coverages().zip(&squares.map.data).filter(|((a, b), _)| (a - b).abs() > OUTLINE);
     let at_outline: f64 = outline.map(|(_, e)| f64::from(*e)).sum();
     let everywhere = squares.mean * squares.map.data.len() as f64;
-    let mse = over(squares.mean_over(&mask));
+    // Estimates without noise may come out below zero.
+    let mse = over(squares.mean_over(&mask)).max(0.0);
     let quality = Quality {
         psnr: psnr_from_mse(mse).min(BEST_PSNR),
         ssim: ssim(&r, &c).mean_over(&mask).unwrap_or(1.0).min(1.0),
         flip: over(flip_map.mean_over(&mask)),
-        outline: if everywhere > 0.0 { at_outline / everywhere } else { 0.0 },
+        outline: if everywhere > 0.0 { (at_outline / everywhere).clamp(0.0, 1.0) } else { 0.0 },
         luminance: luminance_ratio(reference, candidate),
     };
     ViewQuality { quality, rmse: mse.sqrt(), flip: flip_map.map, picture: c }

@@ -79,12 +79,14 @@ pub struct ReferencePicture {
     pub image: Image,
     /// Noise: standard deviation of a pixel relative to its value, root mean square over the picture; 0 for clean ones.
     pub noise: Option<f64>,
+    /// Two pictures with noise of their own, whose mean it is, where it was made so.
+    pub halves: Option<Box<[Image; 2]>>,
 }
 
 impl ReferencePicture {
     /// A picture without noise.
     pub fn clean(image: Image) -> Self {
-        Self { image, noise: Some(0.0) }
+        Self { image, noise: Some(0.0), halves: None }
     }
 }
 
@@ -247,7 +249,12 @@ pub struct PathTraced<'a> {
     not_finite: NotFinite,
     seed: u64,
     spp: u32,
+    /// Which of several in whose pictures no noise is the same, where they are made in halves.
+    apart: Option<u64>,
 }
+
+/// Tells the seeds of halves from others.
+const HALVES: u64 = 0x5851_f42d_4c95_7f2d;
 
 impl<'a> PathTraced<'a> {
     /// Pictures of a scene given in the frame of the asset `n`; lights of its own are left out.
@@ -267,6 +274,7 @@ impl<'a> PathTraced<'a> {
             not_finite: n.not_finite.clone(),
             seed,
             spp: SAMPLES,
+            apart: None,
         })
     }
 
@@ -284,7 +292,7 @@ impl<'a> PathTraced<'a> {
         let (identity, start) = (DAffine3::IDENTITY, Moment::default());
         let world = Mutex::new((placed_world(&shown, identity, n.frame().radius, ENERGY)?, start));
         let not_finite = n.not_finite.clone();
-        Ok(Self { world, animated: None, not_finite, seed, spp: SAMPLES })
+        Ok(Self { world, animated: None, not_finite, seed, spp: SAMPLES, apart: None })
     }
 
     /// The same at the moments of an animated asset's animations, too.
@@ -301,6 +309,42 @@ impl<'a> PathTraced<'a> {
     #[must_use]
     pub fn sampled(self, spp: u32) -> Self {
         Self { spp, ..self }
+    }
+
+    /// The same as two pictures of half of the samples and their mean ([`ReferencePicture::halves`]). Their noise is that of no picture
+    /// of another number, so that none is near another by its noise.
+    #[must_use]
+    pub fn in_halves(self, number: u64) -> Self {
+        Self { apart: Some(number), ..self }
+    }
+
+    /// A picture of the world as it stands, and its noise; `None` where it was stopped.
+    fn rendered(
+        &self,
+        world: &World,
+        setup: &Setup,
+        (seed, spp): (u64, u32),
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Option<(Image, f64)>, FitError> {
+        let options = RenderOptions {
+            width: setup.width,
+            height: setup.height,
+            spp,
+            seed,
+            path: PathOptions { show_environment: false, ..PathOptions::default() },
+            ..RenderOptions::default()
+        };
+        let mut renderer = Renderer::new(world, &setup.camera.view(), options)?;
+        loop {
+            let progress = renderer.pass(stop);
+            if progress.done {
+                self.not_finite.add(progress.not_finite);
+                return Ok(Some((renderer.picture(), progress.noise)));
+            }
+            if stop() {
+                return Ok(None);
+            }
+        }
     }
 }
 
@@ -331,26 +375,25 @@ impl Reference for PathTraced<'_> {
         }
         let (sources, environment) = path_lights(&lights);
         world.relight(&sources, environment)?;
-        let options = RenderOptions {
-            width: setup.width,
-            height: setup.height,
-            spp: self.spp,
-            seed: self.seed,
-            path: PathOptions { show_environment: false, ..PathOptions::default() },
-            ..RenderOptions::default()
+        let Some(number) = self.apart else {
+            let made = self.rendered(world, setup, (self.seed, self.spp), stop)?;
+            return Ok(made.map(|(image, noise)| ReferencePicture {
+                image,
+                noise: Some(noise),
+                halves: None,
+            }));
         };
-        let mut renderer = Renderer::new(world, &setup.camera.view(), options)?;
-        let noise = loop {
-            let progress = renderer.pass(stop);
-            if progress.done {
-                self.not_finite.add(progress.not_finite);
-                break progress.noise;
-            }
-            if stop() {
-                return Ok(None);
-            }
+        let half = |k: u64| {
+            let seed = photofit_sampling::hash(self.seed ^ HALVES, number, k);
+            self.rendered(world, setup, (seed, self.spp.div_ceil(2)), stop)
         };
-        Ok(Some(ReferencePicture { image: renderer.picture(), noise: Some(noise) }))
+        let Some((first, noise)) = half(0)? else { return Ok(None) };
+        let Some((second, other)) = half(1)? else { return Ok(None) };
+        let mut image = first.clone();
+        image.data.iter_mut().zip(&second.data).for_each(|(a, b)| *a = 0.5 * (*a + b));
+        // Of the mean of two.
+        let noise = Some(0.5 * noise.hypot(other));
+        Ok(Some(ReferencePicture { image, noise, halves: Some(Box::new([first, second])) }))
     }
 
     fn bounds(&self, moment: Moment) -> Sphere {

@@ -69,7 +69,8 @@ pub(super) struct Chosen {
     pub(super) own: Option<Shapes>,
     /// How the asset with its own materials that may be written was decimated.
     pub(super) decimation: Option<Item>,
-    /// The asset with its own materials on as many triangles; `None` where nothing was compared, since the user stopped the work.
+    /// The asset with its own materials on as many triangles, the best decimation where several were compared; `None` where nothing was,
+    /// since the user stopped the work.
     pub(super) plain: Option<Stage>,
     /// How sure the choice is; `None` where it was cut.
     pub(super) certainty: Option<Certainty>,
@@ -109,15 +110,18 @@ pub(super) fn best(
     progress.report("choose", 0, options.choice_views(), "own materials");
     let as_many = Target::Triangles(starts[start].candidate.triangles.len());
     let plain = rival.into_stage(asset, &starts[start].candidate, options)?;
-    let own = if options.triangles_by_bytes && options.keeps_textures(scene) {
+    let (own, plain) = if options.triangles_by_bytes && options.keeps_textures(scene) {
         // Its own geometry takes other bytes than that of new maps.
         let target = own_options.target;
         let first = plain::decimated(scene, n, &[], &plain::own(target, n, options))?;
-        plain::candidate(asset, &first, reference, target, own_options, progress)?
+        (plain::candidate(asset, &first, reference, target, own_options, progress)?, plain)
     } else {
-        plain::candidate(asset, &plain, reference, as_many, options, progress)?
+        let own = plain::candidate(asset, &plain, reference, as_many, options, progress)?;
+        // The best of several decimations is what others are to be compared with.
+        let best = own.as_ref().map(|own| own.stage.clone());
+        (own, best.unwrap_or(plain))
     };
-    let (mut own, decimation) = own.unzip();
+    let (mut own, decimation) = own.map(|own| (own.shapes, own.decimation)).unzip();
     // A fit without a better step is its start.
     let gained = trained.gained();
     let mut models = Vec::new();

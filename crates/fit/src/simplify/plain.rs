@@ -186,7 +186,7 @@ pub(super) fn kept(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> 
 }
 
 /// The asset with its own materials that may be written in place of a fitted one, if it may: the best of several
-/// decimations, the first of which is `plain`. With it comes how it was decimated.
+/// decimations, the first of which is `plain`.
 pub(super) fn candidate(
     asset: Asset<'_>,
     plain: &Stage,
@@ -194,13 +194,24 @@ pub(super) fn candidate(
     target: Target,
     options: &SimplifyOptions,
     progress: &dyn Progress,
-) -> Result<Option<(Shapes, Item)>, FitError> {
+) -> Result<Option<Own>, FitError> {
     if !options.keeps_textures(asset.scene) {
         return Ok(None);
     }
     let best = best(asset, plain.clone(), reference, target, options, progress)?;
     let shapes = shapes(asset, &best, (options, progress), &|stage| written(stage, asset.n, options))?;
-    Ok(Some((shapes, best.1.row())))
+    let (stage, decimation) = (best.0, best.1.row());
+    Ok(Some(Own { shapes, stage, decimation }))
+}
+
+/// The asset with its own materials that may be written in place of a fitted one.
+pub(super) struct Own {
+    /// As it is written.
+    pub(super) shapes: Shapes,
+    /// With all of its texels.
+    pub(super) stage: Stage,
+    /// How it was decimated.
+    pub(super) decimation: Item,
 }
 
 /// The same as it may be written in place of a fitted asset: in the asset's frame, with textures that together have no

@@ -75,6 +75,21 @@ pub fn squared_error(reference: &Image, test: &Image) -> ErrorMap {
     ErrorMap::new(reference.width, reference.height, data)
 }
 
+/// Squared error per pixel of two noisy images, each of which was made twice with noise of its own: the product of both differences,
+/// whose expectation is the squared difference of what the images would be without noise (as of dual buffers: Rousselle et al.,
+/// "Adaptive Rendering with Non-Local Means Filtering", 2012). It may be negative.
+///
+/// # Panics
+/// If the shapes differ.
+pub fn squared_error_of_halves([r1, r2]: [&Image; 2], [t1, t2]: [&Image; 2]) -> ErrorMap {
+    [r2, t1, t2].into_iter().for_each(|other| assert_same_shape(r1, other));
+    let channels = r1.channels.max(1);
+    let pixels = |i: &Image| i.data.len() / channels;
+    let product = |k: usize| (t1.data[k] - r1.data[k]) * (t2.data[k] - r2.data[k]);
+    let of_pixel = |p: usize| (p * channels..(p + 1) * channels).map(product).sum::<f32>() / channels as f32;
+    ErrorMap::new(r1.width, r1.height, (0..pixels(r1)).map(of_pixel).collect())
+}
+
 /// Mean squared error over all samples; 0 for images without pixels.
 ///
 /// # Panics

@@ -213,3 +213,24 @@ fn dilation_reaches_radius_steps() {
     }
     assert_eq!(dilate(&[false; 6], 3, 2, 100), [false; 6]);
 }
+
+#[test]
+fn the_error_of_halves_is_that_without_noise() {
+    let (w, h) = (160, 160);
+    let mut state = 1_u64;
+    let mut noise = || {
+        state = state.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(0x1405_7b7e_f767_814f);
+        ((state >> 40) as f32 / (1 << 24) as f32 - 0.5) * 0.8
+    };
+    let mut noisy = |value: f32| Image::from_fn(w, h, 3, |_, _, _| value + noise());
+    let (r, t) = ([noisy(0.4), noisy(0.4)], [noisy(0.5), noisy(0.5)]);
+    let found = squared_error_of_halves([&r[0], &r[1]], [&t[0], &t[1]]);
+    // Of pixels with three channels each; noise of either difference has the variance 2 * 0.8^2 / 12.
+    let variance = 2.0 * 0.8_f64.powi(2) / 12.0;
+    let of_product = variance * variance + 2.0 * variance * 0.1_f64.powi(2);
+    let sigma = (of_product / (3 * w * h) as f64).sqrt();
+    assert!((found.mean - 0.01).abs() < 4.0 * sigma, "{} for .01, sigma {sigma}", found.mean);
+    assert!(squared_error(&r[0], &t[0]).mean > 0.01 + 0.9 * variance, "the plain error has the noise in it");
+    let same = squared_error_of_halves([&r[0], &r[0]], [&t[0], &t[0]]);
+    assert_eq!(same.map.data, squared_error(&r[0], &t[0]).map.data);
+}

@@ -1,6 +1,8 @@
 //! Judging assets that move, at moments of the reference's animations.
 
-use super::{Judge, Judged, ReportView, Stage, WIDEST_TRACED, compared, rasterized_views};
+use super::{
+    Judge, Judged, OF_REFERENCE, OF_STAGES, ReportView, Stage, WIDEST_TRACED, compared, rasterized_views,
+};
 use crate::engine::animated::Animated;
 use crate::engine::reference::{MaterialFeatures, PathTraced, Rasterized, Reference};
 use crate::engine::views::{Moment, Orbit, OverMoments, Set};
@@ -49,15 +51,16 @@ impl Judge<'_> {
         }
         let own: Vec<Animated<'_>> = stages.iter().map(|s| s.animated(&n.light_asset)).collect();
         // What stands still is not taken apart.
-        let posed = |drawn: PathTraced<'static>, animated| -> PathTraced<'_> {
-            let drawn = drawn.sampled(self.spp);
+        let posed = |drawn: PathTraced<'static>, number, animated| -> PathTraced<'_> {
+            let drawn = drawn.sampled(self.spp).in_halves(number);
             if moments.is_empty() { drawn } else { drawn.animated(animated) }
         };
-        let reference = posed(PathTraced::new(self.scene, n, MaterialFeatures::All, self.seed)?, &theirs);
+        let reference = PathTraced::new(self.scene, n, MaterialFeatures::All, self.seed)?;
+        let reference = posed(reference, OF_REFERENCE, &theirs);
         let drawn: Vec<PathTraced<'_>> = stages
             .iter()
             .zip(&own)
-            .map(|(stage, animated)| Ok(posed(stage.traced(n, self.seed)?, animated)))
+            .map(|(stage, animated)| Ok(posed(stage.traced(n, self.seed)?, OF_STAGES, animated)))
             .collect::<Result<_, FitError>>()?;
         let drawn: Vec<&dyn Reference> = drawn.iter().map(|d| d as &dyn Reference).collect();
         compared(&reference, &drawn, &seen, Set::Report, views, progress)

@@ -1,6 +1,6 @@
 //! In which order stages come: by few views, and by more where these leave it open.
 
-use super::{Drawn, Stage, after_stop, view_quality};
+use super::{Drawn, Stage, after_stop, picture_quality};
 use crate::engine::light_asset::LightAsset;
 use crate::engine::reference::{Rasterized, Reference, ReferencePicture};
 use crate::engine::views::{Set, Setup, Views};
@@ -139,11 +139,9 @@ fn in_view<'a>(
     stages: impl Iterator<Item = &'a dyn Reference>,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Option<Vec<f64>>, FitError> {
-    let Some(ReferencePicture { image, .. }) = reference.picture_unless(setup, stop)? else {
-        return Ok(None);
-    };
+    let Some(seen) = reference.picture_unless(setup, stop)? else { return Ok(None) };
     let of = |p: ReferencePicture| {
-        let q = view_quality(&image, &p.image).quality;
+        let q = picture_quality(&seen, &p).quality;
         q.psnr - 20.0 * q.flip.max(1e-6).log10()
     };
     stages.map(|c| Ok(c.picture_unless(setup, stop)?.map(of))).collect()

@@ -233,3 +233,37 @@ fn a_stop_within_a_path_traced_view_does_not_wait_for_it() {
     assert_eq!(within(1), first);
     assert_ne!(within(2), first, "the second view counts");
 }
+
+/// What has the reference's own materials is no nearer to it by the noise of its pictures than what looks the same otherwise.
+#[test]
+fn no_stage_shares_the_noise_of_the_reference() {
+    let coat = |roughness| Extensions {
+        clearcoat: Some(Clearcoat { factor: 1.0, roughness, ..Clearcoat::default() }),
+        ..Extensions::default()
+    };
+    let (asset, other) = (sphere(Some(coat(0.3))), sphere(Some(coat(0.9))));
+    let n = Normalised::new(&asset).unwrap();
+    let judge = Judge {
+        scene: &asset,
+        n: &n,
+        reference: &Rasterized::new(&n.flat, &n.library),
+        renderer: JudgeRenderer::Auto,
+        spp: 8,
+        lighting: &Lighting::Mixed,
+        size: 64,
+        samples: [SUPERSAMPLE; 2],
+        seed: 0,
+    };
+    let stages = [asset.clone(), other].map(|s| Stage::new("stage", s));
+    let moments = judge.at_moments(&stages, &[], 4, &Silent).unwrap();
+    for views in [judge.views(&stages, 4, &Silent).unwrap(), moments] {
+        let means = Quality::of_two_stages(&views);
+        let [same, other] = means.map(|q| (q.psnr, q.flip));
+        let plain =
+            views.iter().map(|v| photofit_image::psnr(&v.reference, &v.quality[0].picture)).sum::<f64>()
+                / 4.0;
+        assert!(same.1 > 1e-3 && plain < 45.0, "its pictures are of other samples: {same:?}, {plain}");
+        assert!(same.0 > plain + 6.0, "their noise is no error: {same:?}, {plain}");
+        assert!(same.0 > other.0 + 6.0 && same.1 < other.1, "{same:?} {other:?}");
+    }
+}
