@@ -93,8 +93,8 @@ fn the_renderer_of_the_judge_can_be_chosen() {
     let (method, few) = judged(&coated, vec![sphere(None)], JudgeRenderer::Auto, 8);
     assert!(method == Judged::PathTraced && few[0] < 35.0, "{few:?}");
     let (_, many) = judged(&coated, vec![sphere(None)], JudgeRenderer::Auto, 64);
-    // Noise of few samples counts as error.
-    assert!((0.1..3.0).contains(&(many[0] - few[0])), "{few:?} {many:?}");
+    // Noise of few samples is no error.
+    assert!((many[0] - few[0]).abs() < 1.0, "{few:?} {many:?}");
     let path = judged(&sphere(None), vec![sphere(None)], JudgeRenderer::Path, 8);
     assert_eq!(path.0, Judged::PathTraced);
 }

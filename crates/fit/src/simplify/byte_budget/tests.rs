@@ -550,36 +550,26 @@ fn triangles_of_new_maps_are_counted_by_what_they_take() {
     }
 }
 
-/// Looks decide how many triangles share the bytes with maps: many where the shape alone shows, few where it is flat and its texture
-/// is not.
+/// Looks decide how many triangles share the bytes with maps: many where the shape alone shows.
 #[test]
 fn the_number_of_triangles_is_that_whose_file_looks_best() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.glb");
-    let bumpy = of(displaced_sphere(40, 0.3, 5, 3), Material::clay());
-    let mut flat = tiled();
-    let noise = (0..64_u32 * 64).map(|k| {
-        let [r, g, b, _] = k.wrapping_mul(0x9e37_79b9).to_le_bytes();
-        [r, g, b, 255]
-    });
-    flat.images =
-        vec![TextureImage { width: 64, height: 64, texels: noise.collect(), ..TextureImage::default() }];
-    for (asset, most, expected) in [(bumpy, 60_000, 0.6..1.0), (flat, 16_000, 0.0..0.45)] {
-        let o = SimplifyOptions {
-            own_textures: false,
-            triangles_by_bytes: true,
-            max_bytes: Some(most),
-            texture_size: 64,
-            resolution: 128,
-            steps: 0,
-            ..options()
-        };
-        let made = simplify(&asset, &path, &o, &Silent).unwrap();
-        let light = photofit_scene::load(&path).unwrap();
-        let part = super::bytes_without_textures(&light, Compression::None).unwrap() as f64 / most as f64;
-        assert!(expected.contains(&part), "{part} of {most}: {}", made.plan);
-        assert!(made.plan.to_string().contains("the best of"), "{}", made.plan);
-    }
+    let (asset, most) = (of(displaced_sphere(40, 0.3, 5, 3), Material::clay()), 60_000);
+    let o = SimplifyOptions {
+        own_textures: false,
+        triangles_by_bytes: true,
+        max_bytes: Some(most),
+        texture_size: 64,
+        steps: 0,
+        ..options()
+    };
+    let made = simplify(&asset, &path, &o, &Silent).unwrap();
+    let light = photofit_scene::load(&path).unwrap();
+    let part = super::bytes_without_textures(&light, Compression::None).unwrap() as f64 / most as f64;
+    // Half of the bytes is what is tried first.
+    assert!((0.6..1.0).contains(&part), "{part} of {most}: {}", made.plan);
+    assert!(made.plan.to_string().contains("the best of "), "{}", made.plan);
 }
 
 /// An asset without textures may keep its materials where colours of vertices are asked for.
