@@ -220,7 +220,7 @@ pub(super) struct Own {
 /// halves them as far as it needs, leaves them their texels, too.
 pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> Scene {
     let mut light = kept(stage, n, options);
-    drop_unread_coordinates(&mut light);
+    drop_unread(&mut light);
     if options.whole_textures
         && light.triangle_count() as f64 >= MILD_RATIO * n.flat.mesh.triangles.len() as f64
     {
@@ -254,9 +254,12 @@ pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) 
     light
 }
 
-/// Drops texture coordinates and tangents that no texture of their material reads.
-fn drop_unread_coordinates(scene: &mut Scene) {
+/// Drops texture coordinates and tangents that no texture of their material reads, and colours that change nothing.
+fn drop_unread(scene: &mut Scene) {
     for primitive in &mut scene.primitives {
+        if primitive.mesh.colors.iter().all(|c| c.to_array() == [1.0; 4]) {
+            primitive.mesh.colors.clear();
+        }
         let material = &scene.materials[primitive.material];
         if material.texture_slots().next().is_none() && !material.needs_tangents() {
             primitive.mesh.uvs.clear();
@@ -363,6 +366,28 @@ mod tests {
         assert_eq!((least.width, least.texels, least.mips.len()), (1, vec![[2; 4]], 0));
         let plain = reduced(&Scene { images: vec![whole], ..Scene::default() }, 0, 1);
         assert_eq!(plain.texels, [[9; 4]; 8]);
+    }
+
+    #[test]
+    fn what_nothing_reads_is_dropped() {
+        let white = photofit_scalar::Vec4f::splat(1.0);
+        let part = |colors, material| {
+            let mesh = shapes::uv_sphere(6, 4);
+            let colors = vec![colors; mesh.positions.len()];
+            Primitive { mesh: photofit_geometry::Mesh { colors, ..mesh }, material }
+        };
+        let textured = Material { base_color_texture: Some(TextureSlot::new(0)), ..Material::clay() };
+        let mut scene = Scene {
+            primitives: vec![part(white, 0), part(white * 0.5, 1)],
+            materials: vec![Material::clay(), textured],
+            ..Scene::default()
+        };
+        drop_unread(&mut scene);
+        let has = |k: usize| {
+            let mesh = &scene.primitives[k].mesh;
+            (!mesh.uvs.is_empty(), !mesh.colors.is_empty())
+        };
+        assert_eq!([has(0), has(1)], [(false, false), (true, true)]);
     }
 
     /// Data in 16 bits are halved in 16, and in 8 beside them; colours in 8.

@@ -21,7 +21,7 @@ pub(crate) fn method(
         JudgeRenderer::Raster => (Judged::Rasterized, format!("as asked{}", not_drawn())),
         // The maps of what is fitted to shadows hold them.
         JudgeRenderer::Auto if reference.indirect_light => {
-            let why = "but for pictures of the asset, as in the fit, whose shadows fitted maps hold";
+            let why = "pictures of the asset alone are, as in the fit: fitted maps hold their shadows";
             (Judged::RasterizedAgainst(reference), format!("{why}{}", not_drawn()))
         }
         JudgeRenderer::Auto if !beyond.is_empty() => {

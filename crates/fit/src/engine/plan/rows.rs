@@ -163,7 +163,7 @@ const LEAST_TOLD: f64 = 1e-4;
 pub(crate) fn backs(seen: f64, share: f32) -> Item {
     let percent = 100.0 * seen;
     let shown = format!(
-        "renderers that know no sides show them in {percent:.1}% of the asset's pixels: {:.0}% of the views do",
+        "renderers that know no sides show them in {percent:.1}% of the asset's pixels, as do {:.0}% of the views of the fit",
         100.0 * share
     );
     let why_not = match seen {
