@@ -27,7 +27,7 @@ use crate::{FitError, Progress};
 use photofit_geometry::{Mesh, Split};
 use photofit_image::{
     ErrorMap, Image, dilate, flip, luminance, psnr_from_mse, squared_error, squared_error_of_halves, ssim,
-    to_display,
+    ssim_of_halves, to_display,
 };
 use photofit_scalar::Vec3f;
 use photofit_scene::{FlatScene, Instance, Material, Primitive, Scene, SurfaceLibrary};
@@ -513,27 +513,29 @@ fn luminance_ratio(reference: &Image, candidate: &Image) -> f64 {
 /// If the sizes differ.
 pub fn view_quality(reference: &Image, candidate: &Image) -> ViewQuality {
     let (r, c) = (display(reference), display(candidate));
-    let squares = squared_error(&r, &c);
-    quality((reference, r), (candidate, c), &squares)
+    let (squares, similar) = (squared_error(&r, &c), ssim(&r, &c));
+    quality((reference, r), (candidate, c), (&squares, &similar))
 }
 
-/// The same of pictures of references. Of those that were made in halves noise does not count in PSNR; it does in the other figures.
+/// The same of pictures of references. Of those that were made in halves noise does not count in PSNR and SSIM; it does in FLIP.
 pub(crate) fn picture_quality(reference: &ReferencePicture, candidate: &ReferencePicture) -> ViewQuality {
     let (Some(r), Some(c)) = (&reference.halves, &candidate.halves) else {
         return view_quality(&reference.image, &candidate.image);
     };
     let [r1, r2] = r.each_ref().map(display);
     let [c1, c2] = c.each_ref().map(display);
-    let squares = squared_error_of_halves([&r1, &r2], [&c1, &c2]);
+    let (squares, similar) =
+        (squared_error_of_halves([&r1, &r2], [&c1, &c2]), ssim_of_halves([&r1, &r2], [&c1, &c2]));
     let shown = |p: &ReferencePicture| display(&p.image);
-    quality((&reference.image, shown(reference)), (&candidate.image, shown(candidate)), &squares)
+    let (reference, candidate) = ((&reference.image, shown(reference)), (&candidate.image, shown(candidate)));
+    quality(reference, candidate, (&squares, &similar))
 }
 
-/// How near two renderings are that are shown so, and differ by so much.
+/// How near two renderings are that are shown so, and differ by so much squared, and in structure.
 fn quality(
     (reference, r): (&Image, Image),
     (candidate, c): (&Image, Image),
-    squares: &ErrorMap,
+    (squares, similar): (&ErrorMap, &ErrorMap),
 ) -> ViewQuality {
     let coverages =
         || reference.data.chunks_exact(4).zip(candidate.data.chunks_exact(4)).map(|(a, b)| (a[3], b[3]));
@@ -549,7 +551,7 @@ fn quality(
     let mse = over(squares.mean_over(&mask)).max(0.0);
     let quality = Quality {
         psnr: psnr_from_mse(mse).min(BEST_PSNR),
-        ssim: ssim(&r, &c).mean_over(&mask).unwrap_or(1.0).min(1.0),
+        ssim: similar.mean_over(&mask).unwrap_or(1.0).min(1.0),
         flip: over(flip_map.mean_over(&mask)),
         outline: if everywhere > 0.0 { (at_outline / everywhere).clamp(0.0, 1.0) } else { 0.0 },
         luminance: luminance_ratio(reference, candidate),

@@ -238,8 +238,7 @@ impl Outcome {
                 let shadows = self.plan.holds_shadows() && !self.written.has_own_surface();
                 let twice = if shadows { "; shadows that its maps hold count twice" } else { "" };
                 format!(
-                    "judged by path traced pictures of {side} x {side} pixels, {spp} samples each, whose noise counts in SSIM and \
-                     FLIP{twice}"
+                    "judged by path traced pictures of {side} x {side} pixels, {spp} samples each, whose noise counts in FLIP{twice}"
                 )
             }
         }

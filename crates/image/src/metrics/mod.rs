@@ -6,7 +6,7 @@ mod flip;
 mod ssim;
 
 pub use flip::{DEFAULT_PIXELS_PER_DEGREE, flip};
-pub use ssim::ssim;
+pub use ssim::{ssim, ssim_of_halves};
 
 use crate::Image;
 use crate::convolve::Plane;
