@@ -89,7 +89,11 @@ pub(crate) fn run(a: &Compare) -> Result<()> {
     }
     text += &mean.row(if views.len() > 1 { "mean" } else { "" }, drawn.is_some());
     if let Some(drawn) = &drawn {
-        let width = if drawn.how == PATH_TRACED { ", at most 256 pixels wide" } else { "" };
+        let width = if drawn.how == PATH_TRACED {
+            ", at most 256 pixels wide, with noise that counts in SSIM and FLIP"
+        } else {
+            ""
+        };
         text += &format!("{}{width}: {}\n", drawn.how, drawn.why);
     }
     if let Some(file) = &a.heatmap {

@@ -179,7 +179,8 @@ impl Progress for Terminal {
                 bar.set_message(state.name(self.steps.len()));
             }
         }
-        if done < state.done || total != state.total {
+        // Reports of threads may come out of order.
+        if total != state.total || done < state.first || (done == 0 && state.done > 0) {
             (state.counting, state.first) = (Instant::now(), done);
             if let Some(bar) = &state.bar {
                 bar.reset_eta();

@@ -163,6 +163,7 @@ pub fn recover_texture(
         loss,
         seed: options.seed,
         batch: options.batch,
+        fresh: options.batch.div_ceil(2),
         steps: options.steps,
         rival: None,
         checkpointing: &options.checkpointing,

@@ -254,6 +254,7 @@ impl Fit<'_> {
             loss: PictureLoss::from(LOSS),
             seed: options.seed,
             batch: options.batch,
+            fresh: options.batch.div_ceil(2),
             steps,
             rival: None,
             checkpointing,

@@ -180,6 +180,7 @@ pub(crate) fn fit(
         loss: loss::choose(&evaluation),
         seed: options.seed,
         batch: source.fitted().min(MOST_OF_A_STEP),
+        fresh: source.fitted().min(MOST_OF_A_STEP).div_ceil(2),
         steps: options.steps,
         rival: None,
         checkpointing: &options.checkpointing,

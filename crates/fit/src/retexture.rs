@@ -179,6 +179,7 @@ pub fn retexture(
         loss,
         seed: options.seed,
         batch: options.batch,
+        fresh: options.batch.div_ceil(2),
         steps,
         rival: None,
         checkpointing: &options.checkpointing,

@@ -161,6 +161,7 @@ pub fn traced_maps(
         loss,
         seed: options.seed,
         batch: options.batch,
+        fresh: options.batch.div_ceil(2),
         steps: options.steps,
         rival: None,
         checkpointing: &options.checkpointing,

@@ -199,6 +199,7 @@ fn a_displacement_map_joins_the_engine_from_outside() -> Result<(), FitError> {
         loss: PictureLoss::from(Loss::LogSrgbL1),
         seed: 0,
         batch: 2,
+        fresh: 1,
         steps: STEPS,
         rival: None,
         checkpointing: &Checkpointing::default(),

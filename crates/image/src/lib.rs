@@ -42,7 +42,7 @@ pub use file::{
 pub use heatmap::{heatmap, heatmap_color};
 pub use metrics::{
     DEFAULT_PIXELS_PER_DEGREE, ErrorMap, dilate, flip, mse, psnr, psnr_from_mse, rmse, squared_error,
-    squared_error_of_halves, ssim, ssim_of_halves,
+    squared_error_of_halves, ssim,
 };
 pub use resample::{downsample, downsample_vjp, resize_bilinear};
 pub use sheet::contact_sheet;

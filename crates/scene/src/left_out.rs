@@ -107,7 +107,9 @@ impl Hierarchy {
         }
         let animations = less(&|h| h.animations.len());
         if animations > 0 {
-            let names = names(self.animations.iter().map(|a| a.name.as_str()));
+            let kept: BTreeSet<&str> = light.animations.iter().map(|a| a.name.as_str()).collect();
+            let lost = self.animations.iter().map(|a| a.name.as_str()).filter(|name| !kept.contains(name));
+            let names = names(lost);
             out.push(format!("{}{names}", count(animations, "animation")));
         }
         if less(&|h| h.nodes.iter().filter(|n| !n.children.is_empty()).count()) > 0 {

@@ -165,7 +165,7 @@ pub(crate) fn train_on<'p, S: Posable + 'p>(
         let (mut phases, mut told) = (phases, None);
         let model =
             GpuSurface::beside(gpu, surface.clone(), job.held_out.shots(), job.reference.device_memory());
-        let trained = match model.and_then(|m| m.checkpointing(Shown::by(job))) {
+        let trained = match model.and_then(|m| m.keeping(Shown::by(job))) {
             Ok((model, residence)) => {
                 told = Some((residence, model.bands()));
                 train(model, job, &mut phases, progress)

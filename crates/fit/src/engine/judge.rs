@@ -27,7 +27,7 @@ use crate::{FitError, Progress};
 use photofit_geometry::{Mesh, Split};
 use photofit_image::{
     ErrorMap, Image, dilate, flip, luminance, psnr_from_mse, squared_error, squared_error_of_halves, ssim,
-    ssim_of_halves, to_display,
+    to_display,
 };
 use photofit_scalar::Vec3f;
 use photofit_scene::{FlatScene, Instance, Material, Primitive, Scene, SurfaceLibrary};
@@ -513,29 +513,29 @@ fn luminance_ratio(reference: &Image, candidate: &Image) -> f64 {
 /// If the sizes differ.
 pub fn view_quality(reference: &Image, candidate: &Image) -> ViewQuality {
     let (r, c) = (display(reference), display(candidate));
-    let (squares, similar) = (squared_error(&r, &c), ssim(&r, &c));
-    quality((reference, r), (candidate, c), (&squares, &similar))
+    let squares = squared_error(&r, &c);
+    quality((reference, r), (candidate, c), (&squares, false))
 }
 
-/// The same of pictures of references. Of those that were made in halves noise does not count in PSNR and SSIM; it does in FLIP.
+/// The same of pictures of references. Of those that were made in halves noise does not count in PSNR (of display values, and no
+/// further than it can be told from an estimate); it does in SSIM and FLIP.
 pub(crate) fn picture_quality(reference: &ReferencePicture, candidate: &ReferencePicture) -> ViewQuality {
     let (Some(r), Some(c)) = (&reference.halves, &candidate.halves) else {
         return view_quality(&reference.image, &candidate.image);
     };
     let [r1, r2] = r.each_ref().map(display);
     let [c1, c2] = c.each_ref().map(display);
-    let (squares, similar) =
-        (squared_error_of_halves([&r1, &r2], [&c1, &c2]), ssim_of_halves([&r1, &r2], [&c1, &c2]));
+    let squares = squared_error_of_halves([&r1, &r2], [&c1, &c2]);
     let shown = |p: &ReferencePicture| display(&p.image);
     let (reference, candidate) = ((&reference.image, shown(reference)), (&candidate.image, shown(candidate)));
-    quality(reference, candidate, (&squares, &similar))
+    quality(reference, candidate, (&squares, true))
 }
 
-/// How near two renderings are that are shown so, and differ by so much squared, and in structure.
+/// How near two renderings are that are shown so, and differ by so much squared; `estimated`: but for noise.
 fn quality(
     (reference, r): (&Image, Image),
     (candidate, c): (&Image, Image),
-    (squares, similar): (&ErrorMap, &ErrorMap),
+    (squares, estimated): (&ErrorMap, bool),
 ) -> ViewQuality {
     let coverages =
         || reference.data.chunks_exact(4).zip(candidate.data.chunks_exact(4)).map(|(a, b)| (a[3], b[3]));
@@ -547,11 +547,12 @@ fn quality(
     let outline = coverages().zip(&squares.map.data).filter(|((a, b), _)| (a - b).abs() > OUTLINE);
     let at_outline: f64 = outline.map(|(_, e)| f64::from(*e)).sum();
     let everywhere = squares.mean * squares.map.data.len() as f64;
-    // Estimates without noise may come out below zero.
-    let mse = over(squares.mean_over(&mask)).max(0.0);
+    // An estimate tells no errors below its own, and may come out below zero.
+    let least = if estimated { over(squares.standard_error_over(&mask)) } else { 0.0 };
+    let mse = over(squares.mean_over(&mask)).max(least);
     let quality = Quality {
         psnr: psnr_from_mse(mse).min(BEST_PSNR),
-        ssim: similar.mean_over(&mask).unwrap_or(1.0).min(1.0),
+        ssim: ssim(&r, &c).mean_over(&mask).unwrap_or(1.0).min(1.0),
         flip: over(flip_map.mean_over(&mask)),
         outline: if everywhere > 0.0 { (at_outline / everywhere).clamp(0.0, 1.0) } else { 0.0 },
         luminance: luminance_ratio(reference, candidate),

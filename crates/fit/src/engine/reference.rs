@@ -385,7 +385,9 @@ impl Reference for PathTraced<'_> {
         };
         let half = |k: u64| {
             let seed = photofit_sampling::hash(self.seed ^ HALVES, number, k);
-            self.rendered(world, setup, (seed, self.spp.div_ceil(2)), stop)
+            // One sample is one in each: there is no half without any.
+            let spp = if k == 0 { self.spp.div_ceil(2) } else { (self.spp / 2).max(1) };
+            self.rendered(world, setup, (seed, spp), stop)
         };
         let Some((first, noise)) = half(0)? else { return Ok(None) };
         let Some((second, other)) = half(1)? else { return Ok(None) };

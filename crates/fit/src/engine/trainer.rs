@@ -82,6 +82,8 @@ pub struct Job<'a> {
     pub seed: u64,
     /// Pictures of a step.
     pub batch: usize,
+    /// How many of them are new, 1 to `batch`; the others are drawn from the latest.
+    pub fresh: usize,
     /// Steps of all phases.
     pub steps: u64,
     /// Quality, in the held-out views, of what is there without a fit: one that is far behind ends, after 100 steps and a tenth of
@@ -91,13 +93,6 @@ pub struct Job<'a> {
     pub checkpointing: &'a Checkpointing,
     /// The options that the result depends on: a checkpoint of other ones is refused.
     pub fingerprint: Fingerprint,
-}
-
-impl Job<'_> {
-    /// How many of the pictures of a step are new; the others are drawn from the latest.
-    pub fn fresh(&self) -> usize {
-        self.batch.div_ceil(2)
-    }
 }
 
 impl std::fmt::Debug for Job<'_> {
@@ -322,11 +317,11 @@ fn fingerprint<M: Model>(job: &Job<'_>, model: &M, groups: usize) -> Result<Fing
     }
     let mut picture = Digest::new();
     job.held_out.references().iter().for_each(|r| picture.add(r.as_flattened()));
-    let Job { fingerprint, batch, steps, loss, sampling, .. } = job;
+    let Job { fingerprint, batch, fresh, steps, loss, sampling, .. } = job;
     let options = fingerprint
         .clone()
         .option("pictures of a step", batch)
-        .option("new pictures", job.fresh())
+        .option("new pictures", fresh)
         .option("steps", steps);
     let options = options.option("loss", format!("{loss:?}")).option("sampling", format!("{sampling:?}"));
     let options = options.digest("what the fit starts from", digest);
@@ -455,7 +450,7 @@ impl<M: Model> Trainer<'_, M> {
             views: job.views,
             seed: job.seed,
             size: job.batch as u64,
-            fresh: job.fresh() as u64,
+            fresh: job.fresh as u64,
             sampling: job.sampling,
         };
         let shots = self.pool.batch(&from, (phase.first, step), phase.shrink);

@@ -40,7 +40,7 @@ pub struct Verdict {
     pub too_large: bool,
     /// Whether its maps were fitted once more through the path tracer.
     pub traced: bool,
-    /// Whether it has textures.
+    /// Whether the asset that was given has textures.
     pub textured: bool,
     /// The asset itself drawn the same way, where engines draw it: with one sample a pixel it differs from the reference
     /// too. [`Self::likeness`] is then by what FLIP of the written file exceeds that of the asset.
@@ -95,7 +95,7 @@ impl Verdict {
         let (written, appearance, fitted) = (o.written, o.appearance, o.steps > 0);
         let (compared, cut, max_bytes) = (o.was_chosen(), o.choice_cut, o.max_bytes);
         let traced = o.traced_maps.as_ref().is_some_and(MapsCourse::gained);
-        let (too_large, textured) = (o.is_too_large(), o.has_textures());
+        let (too_large, textured) = (o.is_too_large(), o.asset_textured);
         let judged = Self { too_large, traced, textured, ..Self::new(&of(k), original.as_deref()) };
         Self { better, written, appearance, fitted, compared, cut, max_bytes, ..judged }
     }
@@ -243,7 +243,7 @@ impl fmt::Display for Verdict {
             let (name, q) = (stage.name, &stage.quality);
             return write!(
                 f,
-                ". What is stored coarsely costs the rest: before that it has {} dB, FLIP {:.3} here ({name} in the table)",
+                ". Before it was stored it has {} dB, FLIP {:.3} here ({name} in the table): finer textures or geometry would keep more",
                 q.decibels(1),
                 q.flip
             );
@@ -329,7 +329,7 @@ mod tests {
         for written in [Written::Fitted, Written::ShrinkWrapped, Written::Baked] {
             let text = told(written.name(), written, true);
             let sentence = format!("33.0 dB, FLIP 0.030 here ({} in the table)", written.name());
-            assert!(text.ends_with(&sentence) && text.contains("stored coarsely"), "{text}");
+            assert!(text.contains(&sentence) && text.contains("Before it was stored"), "{text}");
             assert!(!text.contains("not in the file"), "{text}");
         }
         // The row of own materials is one of several decimations, and has all texels.

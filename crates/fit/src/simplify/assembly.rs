@@ -7,7 +7,7 @@ use super::prepare::Start;
 use super::rival::Rival;
 use super::{
     Appearance, Asset, FITTED, Normalised, Outcome, SimplifyOptions, backs, by_outline, byte_budget, choice,
-    finish, kept, mips, phases, prepare, steering, through_path,
+    finish, kept, mips, phases, prepare, rival, steering, through_path,
 };
 use crate::candidate::Candidate;
 use crate::engine::device::train_on;
@@ -67,10 +67,15 @@ pub(crate) fn simplify_asset(
         loss,
         seed: options.seed,
         batch: options.pictures_per_step(),
+        fresh: options.batch.div_ceil(2),
         steps: options.steps,
         rival: rival.quality,
         checkpointing: &checkpointing,
-        fingerprint: steering::of_fit(options, (backs.share, rival.quality.is_some()), &start.candidate),
+        fingerprint: steering::of_fit(
+            options,
+            (backs.share, rival::is_told(asset, options)),
+            &start.candidate,
+        ),
     };
     let fit_began = Instant::now();
     let rebake = |s: &Surface| {

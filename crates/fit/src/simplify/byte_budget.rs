@@ -31,9 +31,6 @@ const IMAGES_MAX: usize = 8;
 /// Bytes of padding and JSON by which one encoding of an image may differ from another beside its own.
 const AROUND: usize = 128;
 
-/// What is told of the textures of a file that has none.
-pub(super) const NO_TEXTURES: &str = "none";
-
 /// An asset on one or several numbers of triangles, with the same materials and images.
 #[derive(Clone)]
 pub(super) struct Shapes {
@@ -358,7 +355,7 @@ pub(super) fn told(scene: &Scene) -> String {
         more => format!("{} and {more} more {how}", names[..MOST_NAMES].join(", ")),
     };
     match &groups[..] {
-        [] => NO_TEXTURES.into(),
+        [] => "none".into(),
         [(how, _)] => how.clone(),
         groups => groups.iter().map(named).collect::<Vec<_>>().join("; "),
     }

@@ -77,7 +77,7 @@ fn within(
         made.extend(budget.within(own)?);
     }
     let best = budget.best(&made)?;
-    let cut = budget.progress.is_cancelled();
+    let mut cut = budget.progress.is_cancelled();
     let (start, written) = match own.filter(|_| best > 0) {
         Some(own) => (own.scene(best - 1), Written::Decimated),
         None => (new.scene(0), was),
@@ -90,7 +90,10 @@ fn within(
     let fits: Vec<bool> = made.iter().map(|m| m.bytes() <= budget.most).collect();
     let (best, why) = match fits[..] {
         // They looked better when they were fitted: who stopped the work gets them without a comparison of files.
-        [_, true] if budget.progress.is_cancelled() => (1, ""),
+        [_, true] if budget.progress.is_cancelled() => {
+            cut = true;
+            (1, "")
+        }
         [true, false] => (0, "with them no file has so few bytes"),
         [false, false] => (budget.best(&made)?, "the file with those before is smaller"),
         _ => (budget.best(&made)?, "within the bytes those before look better"),

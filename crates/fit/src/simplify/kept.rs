@@ -42,7 +42,9 @@ pub(super) fn simplify(
             let shapes = plain::shapes(asset, &best, (options, progress), &written)?;
             let mut made = budget.within(&shapes)?;
             let best = budget.best(&made)?;
-            let counted = byte_budget::compared(options, given, (&shapes, best, progress.is_cancelled()));
+            let fitting = made.iter().filter(|m| m.bytes() <= most).count();
+            let of = (fitting, progress.is_cancelled());
+            let counted = byte_budget::compared(options, given, (&shapes, best), of);
             let (made, _) = budget.or_whole(made.swap_remove(best), None)?;
             (made.scene, made.compression, counted)
         }

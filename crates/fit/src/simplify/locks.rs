@@ -78,20 +78,25 @@ impl Held {
         if !options.locks() {
             return None;
         }
+        let mut mesh = scene.flatten().mesh;
+        // What has no area is not there for a decimation.
+        let has_area = |[a, b, c]: [Vec3f; 3]| (b - a).cross(c - a).length() > 0.0;
+        let kept: Vec<bool> = (0..mesh.triangles.len()).map(|t| has_area(mesh.corners(t))).collect();
+        let mut kept = kept.into_iter();
+        mesh.triangles.retain(|_| kept.next() == Some(true));
         let mut wanted: HashSet<[u32; 3]> = HashSet::new();
         if let Some(name) = &options.lock {
-            wanted.extend(scene.positions_with(name).iter().flatten().map(|p| bits(*p)));
+            let shown = shown(&mesh);
+            let marked = scene.positions_with(name).into_iter().flatten().map(bits);
+            wanted.extend(marked.filter(|p| shown.contains(p)));
         }
         if options.lock_borders {
-            let mesh = scene.flatten().mesh;
             let weld = weld_exact(&mesh.positions);
             let border = Edges::new(&mesh.triangles, &weld).border_vertices();
             let open = weld.pick(&mesh.positions).into_iter().zip(border).filter(|(_, border)| *border);
             wanted.extend(open.map(|(p, _)| bits(p)));
         }
-        let mesh = file.flatten().mesh;
-        let there: HashSet<_> =
-            mesh.triangles.iter().flatten().map(|v| bits(mesh.positions[*v as usize])).collect();
+        let there = shown(&file.flatten().mesh);
         Some(Self { wanted: wanted.len(), held: wanted.intersection(&there).count() })
     }
 
@@ -118,6 +123,11 @@ impl Held {
             progress.warn(&format!("locked vertices: {}", self.told(compression)));
         }
     }
+}
+
+/// The positions that triangles show.
+fn shown(mesh: &Mesh) -> HashSet<[u32; 3]> {
+    mesh.triangles.iter().flatten().map(|v| bits(mesh.positions[*v as usize])).collect()
 }
 
 /// Gives the vertices of a light asset that did not move the positions of the asset: the way to the frame of the fit and back

@@ -1,7 +1,7 @@
 //! What a simplification gives back.
 
-use super::byte_budget::NO_TEXTURES;
 use super::delivery::{Delivered, Delivery};
+use super::plan::is_textured;
 use super::through_path::TracedMaps;
 use super::{Appearance, Asset, DECIMATED, Effort, FitPlan, Normalised, SimplifyOptions};
 use crate::candidate::Candidate;
@@ -94,6 +94,8 @@ pub struct Outcome {
     pub choice_cut: bool,
     /// Its textures: sizes and encodings.
     pub textures: String,
+    /// Whether materials of the asset that was given have textures.
+    pub asset_textured: bool,
     /// How its geometry is stored: within a budget of bytes maybe in a coarser precision than was asked for.
     pub compression: Compression,
     /// The fitted asset in the normalised frame: the written one, unless that is [`Written::Decimated`] or
@@ -206,11 +208,6 @@ impl Outcome {
         self.stages.last().map(|s| &s.quality)
     }
 
-    /// Whether the file has textures.
-    pub fn has_textures(&self) -> bool {
-        self.textures != NO_TEXTURES
-    }
-
     /// Whether the file has more bytes than it was to have.
     pub fn is_too_large(&self) -> bool {
         self.max_bytes.is_some_and(|most| self.bytes > most)
@@ -238,7 +235,7 @@ impl Outcome {
                 let shadows = self.plan.holds_shadows() && !self.written.has_own_surface();
                 let twice = if shadows { "; shadows that its maps hold count twice" } else { "" };
                 format!(
-                    "judged by path traced pictures of {side} x {side} pixels, {spp} samples each, whose noise counts in FLIP{twice}"
+                    "judged by path traced pictures of {side} x {side} pixels, {spp} samples each, whose noise counts in SSIM and FLIP{twice}"
                 )
             }
         }
@@ -318,6 +315,7 @@ impl Outcome {
             max_bytes: options.max_bytes,
             choice_cut: false,
             textures: file.textures,
+            asset_textured: is_textured(given),
             compression: file.compression,
             candidate: trained.model.candidate,
             resolution: options.resolution,

@@ -220,7 +220,9 @@ pub(super) struct Own {
 /// halves them as far as it needs, leaves them their texels, too.
 pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) -> Scene {
     let mut light = kept(stage, n, options);
-    drop_unread(&mut light);
+    if options.max_bytes.is_some() {
+        drop_unread(&mut light);
+    }
     if options.whole_textures
         && light.triangle_count() as f64 >= MILD_RATIO * n.flat.mesh.triangles.len() as f64
     {
@@ -254,7 +256,7 @@ pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) 
     light
 }
 
-/// Drops texture coordinates and tangents that no texture of their material reads, and colours that change nothing.
+/// Drops texture coordinates and tangents of materials without textures, and colours that change nothing.
 fn drop_unread(scene: &mut Scene) {
     for primitive in &mut scene.primitives {
         if primitive.mesh.colors.iter().all(|c| c.to_array() == [1.0; 4]) {

@@ -65,7 +65,7 @@ fn decimated(asset: Asset<'_>, candidate: &Candidate, options: &SimplifyOptions)
 /// Whether pictures of it by the rasterizer, in the views of the fit, tell whether it will be written: not within a budget of bytes,
 /// which reduces its textures by no one knows yet how much; not as engines draw it, where a level may be the start of the next; not
 /// where the choice is path traced, nor where the fit starts far from the asset.
-fn is_told(asset: Asset<'_>, options: &SimplifyOptions) -> bool {
+pub(super) fn is_told(asset: Asset<'_>, options: &SimplifyOptions) -> bool {
     options.steps > 0
         && options.keeps_textures(asset.scene)
         && options.max_bytes.is_none()

@@ -6,7 +6,7 @@ mod flip;
 mod ssim;
 
 pub use flip::{DEFAULT_PIXELS_PER_DEGREE, flip};
-pub use ssim::{ssim, ssim_of_halves};
+pub use ssim::ssim;
 
 use crate::Image;
 use crate::convolve::Plane;
@@ -30,6 +30,18 @@ impl ErrorMap {
         let count = mask.iter().filter(|m| **m).count();
         let sum: f64 = self.map.data.iter().zip(mask).filter(|(_, m)| **m).map(|(v, _)| f64::from(*v)).sum();
         (count > 0).then(|| sum / count as f64)
+    }
+
+    /// Standard error of [`Self::mean_over`] where the values of pixels are independent draws; `None` where the mask is set at fewer
+    /// than two pixels.
+    ///
+    /// # Panics
+    /// As [`Self::mean_over`].
+    pub fn standard_error_over(&self, mask: &[bool]) -> Option<f64> {
+        let mean = self.mean_over(mask)?;
+        let set = || self.map.data.iter().zip(mask).filter(|(_, m)| **m);
+        let (count, squares) = (set().count() as f64, set().map(|(v, _)| (f64::from(*v) - mean).powi(2)));
+        (count > 1.0).then(|| (squares.sum::<f64>() / (count - 1.0) / count).sqrt())
     }
 
     fn new(width: usize, height: usize, data: Vec<f32>) -> Self {

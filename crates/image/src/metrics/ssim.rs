@@ -21,29 +21,12 @@ const C2: f32 = 0.03 * 0.03;
 /// If the shapes differ or the images have no channels.
 pub fn ssim(reference: &Image, test: &Image) -> ErrorMap {
     assert_same_shape(reference, test);
-    similar(reference, |c, taps| channel_similarity(&plane(reference, c), &plane(test, c), taps))
-}
-
-/// The same of two noisy images, each of which was made twice with noise of its own: means of windows are those of both halves,
-/// variances are covariances of the halves, in whose expectation there is no noise. Where these come out negative they are 0.
-///
-/// # Panics
-/// If the shapes differ or the images have no channels.
-pub fn ssim_of_halves(reference: [&Image; 2], test: [&Image; 2]) -> ErrorMap {
-    let all = [reference, test].concat();
-    all.iter().for_each(|other| assert_same_shape(reference[0], other));
-    let planes = |of: [&Image; 2], c: usize| of.map(|half| plane(half, c));
-    similar(reference[0], |c, taps| similarity_of_halves(&planes(reference, c), &planes(test, c), taps))
-}
-
-/// The mean over the channels of what `of_channel` says, in images like this one.
-fn similar(like: &Image, of_channel: impl Fn(usize, &[f32]) -> Vec<f32>) -> ErrorMap {
-    let (width, height, channels) = (like.width, like.height, like.channels);
+    let (width, height, channels) = (reference.width, reference.height, reference.channels);
     assert!(channels > 0, "at least one channel");
     let taps = window();
     let mut map = Image::new(width, height, 1);
     for c in 0..channels {
-        let similarity = of_channel(c, &taps);
+        let similarity = channel_similarity(&plane(reference, c), &plane(test, c), &taps);
         for (m, s) in map.data.iter_mut().zip(similarity) {
             *m += s / channels as f32;
         }
@@ -66,46 +49,22 @@ fn window() -> [f32; 2 * RADIUS + 1] {
 }
 
 fn channel_similarity(a: &Plane, b: &Plane, taps: &[f32]) -> Vec<f32> {
-    let (blur, product) = (|p: &Plane| blurred(p, taps), |p: &Plane, q: &Plane| of_products(p, q, taps));
+    let blur = |p: &Plane| p.separable(taps, taps, Edge::Mirror).data;
+    let product = |p: &Plane, q: &Plane| {
+        let data = p.data.iter().zip(&q.data).map(|(x, y)| x * y).collect();
+        blur(&Plane { width: p.width, height: p.height, data })
+    };
     // Variances do not change when the middle of the range moves to 0, and lose less to cancellation.
     let (a, b) = (&centred(a), &centred(b));
     let (ma, mb) = (blur(a), blur(b));
     let (aa, bb, ab) = (product(a, a), product(b, b), product(a, b));
     let similarity = |i: usize| {
         let (ma, mb) = (ma[i], mb[i]);
-        of_window([ma, mb], [aa[i] - ma * ma, bb[i] - mb * mb], ab[i] - ma * mb)
+        let (va, vb, cov) = (aa[i] - ma * ma, bb[i] - mb * mb, ab[i] - ma * mb);
+        let (ma, mb) = (ma + 0.5, mb + 0.5);
+        ((2.0 * ma * mb + C1) * (2.0 * cov + C2)) / ((ma * ma + mb * mb + C1) * (va + vb + C2))
     };
     (0..ma.len()).into_par_iter().with_min_len(1 << 12).map(similarity).collect()
-}
-
-fn similarity_of_halves(a: &[Plane; 2], b: &[Plane; 2], taps: &[f32]) -> Vec<f32> {
-    // The means of both halves, and their covariance.
-    let of = |[p, q]: &[Plane; 2]| {
-        let (p, q) = (centred(p), centred(q));
-        let (mp, mq, pq) = (blurred(&p, taps), blurred(&q, taps), of_products(&p, &q, taps));
-        let data = p.data.iter().zip(&q.data).map(|(x, y)| 0.5 * (x + y)).collect();
-        let middle = Plane { data, ..p };
-        let covariance: Vec<f32> = (0..pq.len()).map(|i| (pq[i] - mp[i] * mq[i]).max(0.0)).collect();
-        (blurred(&middle, taps), covariance, middle)
-    };
-    let ((ma, va, a), (mb, vb, b)) = (of(a), of(b));
-    let ab = of_products(&a, &b, taps);
-    (0..ma.len()).map(|i| of_window([ma[i], mb[i]], [va[i], vb[i]], ab[i] - ma[i] * mb[i])).collect()
-}
-
-/// Of the means less one half, the variances and the covariance in a window.
-fn of_window([ma, mb]: [f32; 2], [va, vb]: [f32; 2], cov: f32) -> f32 {
-    let (ma, mb) = (ma + 0.5, mb + 0.5);
-    ((2.0 * ma * mb + C1) * (2.0 * cov + C2)) / ((ma * ma + mb * mb + C1) * (va + vb + C2))
-}
-
-fn blurred(p: &Plane, taps: &[f32]) -> Vec<f32> {
-    p.separable(taps, taps, Edge::Mirror).data
-}
-
-fn of_products(p: &Plane, q: &Plane, taps: &[f32]) -> Vec<f32> {
-    let data = p.data.iter().zip(&q.data).map(|(x, y)| x * y).collect();
-    blurred(&Plane { width: p.width, height: p.height, data }, taps)
 }
 
 fn centred(p: &Plane) -> Plane {

@@ -225,7 +225,7 @@ impl<S: Posable> GpuSurface<S> {
     ///
     /// # Errors
     /// If there is none for those of a step.
-    pub fn checkpointing(mut self, shown: Shown) -> Result<(Self, Residence), NoRoom> {
+    pub fn keeping(mut self, shown: Shown) -> Result<(Self, Residence), NoRoom> {
         let made = self.in_bands(&[], itself, |model| References::new(&model.gpu, shown));
         let (references, residence) = made.map_err(NoRoom::pictures)?;
         self.references = references;

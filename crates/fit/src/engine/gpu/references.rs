@@ -63,8 +63,8 @@ impl Shown {
         let largest = |[w, h]: [usize; 2], s: &Shot| [w.max(s.width), h.max(s.height)];
         let size = job.held_out.shots().iter().fold([0; 2], largest);
         // Where all pictures of a step are new none is shown again.
-        let again = job.fresh() < job.batch;
-        let pictures = if again { window(job.batch as u64, job.fresh() as u64) as usize } else { job.batch };
+        let again = job.fresh < job.batch;
+        let pictures = if again { window(job.batch as u64, job.fresh as u64) as usize } else { job.batch };
         Self { pictures, batch: job.batch, size }
     }
 

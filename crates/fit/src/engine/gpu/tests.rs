@@ -367,7 +367,7 @@ fn a_step_is_one_submission_and_pictures_that_stay_are_uploaded_once() {
         let model = GpuSurface::new(gpu, s.clone(), &batches[0]).unwrap();
         // In room for the two of a step, one of the last step is a new one again.
         let shown = Shown { pictures: if kept { 4 } else { 2 }, batch: 2, size: [40, 40] };
-        let (mut model, _) = model.checkpointing(shown).unwrap();
+        let (mut model, _) = model.keeping(shown).unwrap();
         let mut traffic = Vec::new();
         for shots in &batches {
             let before = gpu.traffic();
@@ -395,7 +395,7 @@ fn pictures_without_room_are_uploaded_and_the_plan_says_so() {
     let model = || GpuSurface::new(gpu, surface(false), &kept_shots(16)[0]).unwrap();
     // Of 64 pictures of 64 MB, 16 stay.
     let shown = Shown { pictures: 64, batch: 2, size: [2048, 2048] };
-    let (mut model, residence) = model().checkpointing(shown).unwrap();
+    let (mut model, residence) = model().keeping(shown).unwrap();
     assert!((2..=16).contains(&residence.places), "{residence:?}");
     let told = residence.to_string();
     for part in [" of 64 pictures", "2048 x 2048", "uploaded when they are shown"] {

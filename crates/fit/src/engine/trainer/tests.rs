@@ -207,6 +207,7 @@ fn fit_against(
         loss: Loss::Mse.into(),
         seed: 0,
         batch: 2,
+        fresh: 1,
         steps: phases.iter().map(|p| p.steps).sum(),
         rival,
         checkpointing,

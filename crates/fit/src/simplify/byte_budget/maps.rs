@@ -49,11 +49,13 @@ pub(in crate::simplify) fn planned(options: &SimplifyOptions, scene: &Scene) -> 
     Some(Item { what: ROW, runs, why: why.into() })
 }
 
-/// The row of the plan after decimations of an asset were compared, of which one was `chosen`; `cut`: without being looked at.
+/// The row of the plan after one of several decimations of an asset was `chosen`, so many of whose files are `fitting`; `cut`: the work was
+/// ended before all of these were looked at.
 pub(in crate::simplify) fn compared(
     options: &SimplifyOptions,
     scene: &Scene,
-    (shapes, chosen, cut): (&Shapes, usize, bool),
+    (shapes, chosen): (&Shapes, usize),
+    (fitting, cut): (usize, bool),
 ) -> Option<Item> {
     let planned = planned(options, scene)?;
     if planned.runs == Runs::No {
@@ -61,12 +63,15 @@ pub(in crate::simplify) fn compared(
     }
     let mut counts: Vec<String> = shapes.bare.iter().map(|s| s.triangle_count().to_string()).collect();
     let chosen = counts.swap_remove(chosen);
-    let why = match (&counts[..], cut) {
-        ([], _) => format!("{chosen}; no other number was made to fit"),
-        (others, false) => format!("{chosen} look best; {} were compared with them", others.join(", ")),
-        (others, true) => {
-            format!("{chosen}; the work was ended before {} were compared with them", others.join(", "))
+    let others = counts.join(", ");
+    let why = match (counts.len(), fitting) {
+        (0, _) => format!("{chosen}; no other number was tried"),
+        (_, 0) => format!("{chosen} make the smallest file; {others} were tried, too, and none fits"),
+        (_, 1) => format!("{chosen}; {others} were tried, too, and do not fit"),
+        _ if cut => {
+            format!("{chosen}; {others} were tried, too, and the work was ended before all were compared")
         }
+        _ => format!("{chosen} look best; {others} were tried, too"),
     };
     Some(Item { why, ..planned })
 }
@@ -148,10 +153,7 @@ impl Budget<'_> {
         };
         match found[..] {
             [] => {
-                return Ok((
-                    MIN_TRIANGLES.min(all),
-                    "no other start that was tried has geometry that fits".into(),
-                ));
+                return Ok((MIN_TRIANGLES.min(all), "no start that was tried has geometry that fits".into()));
             }
             [only] => return told(only, ""),
             // Who stopped the work does not wait for a choice.

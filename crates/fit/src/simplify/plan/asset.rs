@@ -179,7 +179,7 @@ impl Asset {
         item("reference tangents", self.directed > 0, why);
         let why = match (self.vertex_colors, surface) {
             (false, _) => "none",
-            (true, LightSurface::Own) => "read, and kept where they change anything",
+            (true, LightSurface::Own) => "read, and kept (within a budget of bytes unless all are white)",
             (true, LightSurface::New | LightSurface::Colors) => "read, and baked into the base colour",
             (true, LightSurface::Open) => "read; where maps are new, baked into the base colour",
         };

@@ -75,7 +75,7 @@ fn a_device_without_room_for_a_picture_draws_bands() {
         let gpu = Gpu::within(&choice, caps).unwrap();
         let shown = Shown { pictures: 2, batch: 2, size: [256, 256] };
         let model = GpuSurface::new(&gpu, s.clone(), &shots).unwrap();
-        let (mut model, _) = model.checkpointing(shown).unwrap();
+        let (mut model, _) = model.keeping(shown).unwrap();
         let g = gradients(&mut model, &shots, loss);
         (g, model.bands().get(), gpu.held())
     };
