@@ -142,7 +142,9 @@ fn images_share_a_budget_by_what_they_lose() {
 
 #[test]
 fn triangles_follow_from_bytes_and_whole_assets_are_not_fitted() {
-    let asset = striped();
+    let mut asset = striped();
+    // Coordinates that nothing reads would be left out of own materials, which the source has.
+    asset.primitives.iter_mut().for_each(|p| p.mesh.uvs.clear());
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.glb");
     let made = |most: u64| {
@@ -330,8 +332,9 @@ fn glazed() -> Scene {
 fn of_glass() -> SimplifyOptions {
     SimplifyOptions {
         target: Target::Triangles(400),
-        texture_size: 256,
-        judge_spp: 16,
+        // Coarse maps lose to a small texture that tiles.
+        texture_size: 32,
+        judge_spp: 64,
         steps: 6,
         ..options()
     }
