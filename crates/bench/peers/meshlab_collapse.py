@@ -4,6 +4,9 @@ import sys
 
 import pymeshlab
 
+# Status where MeshLab refuses; Python's own errors have 1.
+REFUSED = 3
+
 
 def main(heavy, light, budget, textured):
     work = pymeshlab.MeshSet()
@@ -13,7 +16,8 @@ def main(heavy, light, budget, textured):
     try:
         collapse(targetfacenum=int(budget), preservenormal=True, optimalplacement=True)
     except pymeshlab.PyMeshLabException as e:
-        sys.exit(str(e))
+        print(e, file=sys.stderr)
+        sys.exit(REFUSED)
     work.save_current_mesh(light)
 
 

@@ -96,6 +96,9 @@ def by_quadrics(path, budget, out):
     script = pathlib.Path(__file__).with_name("meshlab_collapse.py")
     command = [sys.executable, script, heavy, light, budget, "textured" if textured else "plain"]
     done = subprocess.run(list(map(str, command)), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    # Below zero: it crashed.
+    if done.returncode in (1, 2):
+        raise RuntimeError(done.stderr)
     if done.returncode:
         why = " ".join(done.stderr.split()[:30]) or f"ended with {done.returncode}"
         raise Refused(f"MeshLab: {why}")

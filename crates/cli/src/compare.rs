@@ -90,7 +90,8 @@ pub(crate) fn run(a: &Compare) -> Result<()> {
     text += &mean.row(if views.len() > 1 { "mean" } else { "" }, drawn.is_some());
     if let Some(drawn) = &drawn {
         let width = if drawn.how == PATH_TRACED {
-            ", at most 256 pixels wide, with noise that counts in SSIM and FLIP"
+            ", at most 256 pixels wide, with noise: it counts in SSIM and FLIP, PSNR and RMSE are estimated without it, and no finer than the \
+             estimate is sure"
         } else {
             ""
         };

@@ -14,7 +14,7 @@ use crate::engine::plan::rows::{self, Work};
 use crate::engine::plan::{Item, PlanRows, SurfacePlan};
 use crate::engine::reference::{Rasterized, Reference};
 use crate::engine::surface::{MAPS, Surface};
-use crate::engine::trainer::{Checkpointing, HistoryPoint, Job, Measure, Phase};
+use crate::engine::trainer::{Batch, Checkpointing, HistoryPoint, Job, Measure, Phase};
 use crate::engine::unwrap::unwrapped;
 use crate::engine::views::Sampling;
 use crate::engine::{LightAsset, Normalised};
@@ -162,8 +162,7 @@ pub fn recover_texture(
         sampling: Sampling::SUPERSAMPLED,
         loss,
         seed: options.seed,
-        batch: options.batch,
-        fresh: options.batch.div_ceil(2),
+        batch: Batch::half_new(options.batch),
         steps: options.steps,
         rival: None,
         checkpointing: &options.checkpointing,

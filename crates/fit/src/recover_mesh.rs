@@ -21,7 +21,7 @@ use crate::engine::judge::{Quality, ReportView, Stage};
 use crate::engine::loss::PictureLoss;
 use crate::engine::plan::{PlanRows, rows};
 use crate::engine::surface::{MAPS, POSITIONS, PositionOptimizer, Surface};
-use crate::engine::trainer::{Checkpointing, HeldOut, HistoryPoint, Job, Phase, Trained};
+use crate::engine::trainer::{Batch, Checkpointing, HeldOut, HistoryPoint, Job, Phase, Trained};
 use crate::engine::views::Sampling;
 use crate::error::in_ranges;
 use crate::pictures::PictureFolder;
@@ -253,8 +253,7 @@ impl Fit<'_> {
             sampling: Sampling::SUPERSAMPLED,
             loss: PictureLoss::from(LOSS),
             seed: options.seed,
-            batch: options.batch,
-            fresh: options.batch.div_ceil(2),
+            batch: Batch::half_new(options.batch),
             steps,
             rival: None,
             checkpointing,

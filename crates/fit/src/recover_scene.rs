@@ -14,7 +14,7 @@ use crate::engine::given::{GivenPicture, GivenPictures, Order};
 use crate::engine::loss;
 use crate::engine::plan::{Item, PlanRows, rows};
 use crate::engine::traced::{ComparedPixels, Smoothing, Traced, TracedParameter, WHOLE};
-use crate::engine::trainer::{Checkpointing, HeldOut, HistoryPoint, Job, Measure, Phase, train};
+use crate::engine::trainer::{Batch, Checkpointing, HeldOut, HistoryPoint, Job, Measure, Phase, train};
 use crate::engine::views::{Sampling, ViewCamera, ViewLights};
 use crate::{FitError, Progress};
 use photofit_image::Image;
@@ -179,8 +179,7 @@ pub(crate) fn fit(
         sampling: Sampling::SUPERSAMPLED,
         loss: loss::choose(&evaluation),
         seed: options.seed,
-        batch: source.fitted().min(MOST_OF_A_STEP),
-        fresh: source.fitted().min(MOST_OF_A_STEP).div_ceil(2),
+        batch: Batch::half_new(source.fitted().min(MOST_OF_A_STEP)),
         steps: options.steps,
         rival: None,
         checkpointing: &options.checkpointing,

@@ -22,7 +22,7 @@ use crate::engine::plan::{FitRequest, Item, PlanRows, SurfacePlan, rows};
 use crate::engine::posed::{Posed, same_triangles};
 use crate::engine::reference::{Rasterized, Reference, SAMPLES, SUPERSAMPLE};
 use crate::engine::surface::{MAPS, POSITIONS, Surface, fade_over, rate_of_maps, rate_of_positions};
-use crate::engine::trainer::{self, Checkpointing, HeldOut, HistoryPoint, Job, Phase};
+use crate::engine::trainer::{self, Batch, Checkpointing, HeldOut, HistoryPoint, Job, Phase};
 use crate::engine::views::{Lighting, Moment, Orbit, OverMoments, Sampling};
 use crate::error::in_ranges;
 use crate::simplify::Written;
@@ -178,8 +178,7 @@ pub fn retexture(
         sampling: Sampling::SUPERSAMPLED,
         loss,
         seed: options.seed,
-        batch: options.batch,
-        fresh: options.batch.div_ceil(2),
+        batch: Batch::half_new(options.batch),
         steps,
         rival: None,
         checkpointing: &options.checkpointing,

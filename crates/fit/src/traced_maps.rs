@@ -12,7 +12,9 @@ use crate::engine::loss::{self, PictureLoss};
 use crate::engine::plan::{Item, PlanRows, rows};
 use crate::engine::reference::{self, ENERGY, MaterialFeatures, PathTraced, SAMPLES};
 use crate::engine::traced::{ComparedPixels, Traced, TracedParameter, WHOLE};
-use crate::engine::trainer::{Checkpointing, HELD_OUT, HeldOut, HistoryPoint, Job, Measure, Phase, train};
+use crate::engine::trainer::{
+    Batch, Checkpointing, HELD_OUT, HeldOut, HistoryPoint, Job, Measure, Phase, train,
+};
 use crate::engine::views::{Lighting, Orbit, Sampling};
 use crate::progress::AsStage;
 use crate::{FitError, Progress};
@@ -160,8 +162,7 @@ pub fn traced_maps(
         sampling,
         loss,
         seed: options.seed,
-        batch: options.batch,
-        fresh: options.batch.div_ceil(2),
+        batch: Batch::half_new(options.batch),
         steps: options.steps,
         rival: None,
         checkpointing: &options.checkpointing,

@@ -10,7 +10,7 @@ use photofit_fit::engine::model::{Group, ModelError};
 use photofit_fit::engine::plan::{FitRequest, SurfacePlan};
 use photofit_fit::engine::reference::{Rasterized, ReferenceKind};
 use photofit_fit::engine::surface::Surface;
-use photofit_fit::engine::trainer::{Checkpointing, HeldOut, Job, Phase, train};
+use photofit_fit::engine::trainer::{Batch, Checkpointing, HeldOut, Job, Phase, train};
 use photofit_fit::views::{Lighting, Orbit, Sampling, Shot};
 use photofit_fit::{FitError, Silent};
 use photofit_geometry::weld::weld_exact;
@@ -198,8 +198,7 @@ fn a_displacement_map_joins_the_engine_from_outside() -> Result<(), FitError> {
         sampling: Sampling::SUPERSAMPLED,
         loss: PictureLoss::from(Loss::LogSrgbL1),
         seed: 0,
-        batch: 2,
-        fresh: 1,
+        batch: Batch::new(2, 1),
         steps: STEPS,
         rival: None,
         checkpointing: &Checkpointing::default(),

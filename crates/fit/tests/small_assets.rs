@@ -253,7 +253,7 @@ fn a_sphere_takes_the_classes_of_what_it_is_drawn_onto() {
         (shapes::icosphere(12), kind(kinds[k].0, kinds[k].1), vec![Affine3A::from_translation(at)])
     };
     let asset = scene((0..kinds.len()).map(ball).collect());
-    let options = SimplifyOptions { init: Init::Sphere, judge_spp: 1, ..quick(Target::Triangles(1000), 0) };
+    let options = SimplifyOptions { init: Init::Sphere, judge_spp: 2, ..quick(Target::Triangles(1000), 0) };
     let (_, light) = run(&asset, &options);
     for (mode, transmits) in kinds {
         let of = |p: &&Primitive| {
@@ -390,7 +390,9 @@ fn maps_may_be_fitted_through_the_path_tracer() {
     assert_eq!((maps.steps, outcome.judged), (40, Judged::PathTraced));
     // The start of this small fit may be as good as its end: what it started from is written then.
     let file = outcome.shipped().expect("the file is judged");
-    let before = outcome.stage(outcome.written.name()).expect("what was chosen is judged");
+    // Maps that were baked anew are no stage: they looked better than those of the fit.
+    let before = [outcome.written.name(), "fitted"].into_iter().find_map(|s| outcome.stage(s));
+    let before = before.expect("what was chosen is judged");
     assert!(maps.gained() || file.flip < before.flip + 0.002, "{file:?} {before:?}");
     // Judged with 16 samples a pixel.
     assert!(file.psnr > before.psnr - 0.15, "{file:?} {before:?}");

@@ -50,7 +50,8 @@ pub const WIDEST_TRACED: usize = 256;
 /// Mean quality over the foreground: the union of both silhouettes, dilated.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Quality {
-    /// Peak signal to noise of sRGB images, decibels, at most [`BEST_PSNR`].
+    /// Peak signal to noise of sRGB images, decibels, at most [`BEST_PSNR`]; of path traced ones as the square of [`ViewQuality::rmse`] has
+    /// it.
     pub psnr: f64,
     /// Structural similarity.
     pub ssim: f64,
@@ -105,7 +106,8 @@ impl Quality {
 pub struct ViewQuality {
     /// Figures over the foreground.
     pub quality: Quality,
-    /// Root of the mean squared error over the foreground, of sRGB values in [0, 1].
+    /// Root of the mean squared error over the foreground, of sRGB values in [0, 1]. Of path traced pictures the square is an estimate
+    /// for such without noise, or its standard error over the pixels where that is larger.
     pub rmse: f64,
     /// FLIP per pixel.
     pub flip: Image,
@@ -531,7 +533,8 @@ pub(crate) fn picture_quality(reference: &ReferencePicture, candidate: &Referenc
     quality(reference, candidate, (&squares, true))
 }
 
-/// How near two renderings are that are shown so, and differ by so much squared; `estimated`: but for noise.
+/// How near two renderings are, each of which is given linear and as it is shown. `squares` are the squared differences of each pixel, or
+/// `estimated` ones, of what the pictures would be without noise.
 fn quality(
     (reference, r): (&Image, Image),
     (candidate, c): (&Image, Image),
@@ -546,15 +549,16 @@ fn quality(
     let flip_map = flip(&r, &c, PIXELS_PER_DEGREE);
     let outline = coverages().zip(&squares.map.data).filter(|((a, b), _)| (a - b).abs() > OUTLINE);
     let at_outline: f64 = outline.map(|(_, e)| f64::from(*e)).sum();
-    let everywhere = squares.mean * squares.map.data.len() as f64;
     // An estimate tells no errors below its own, and may come out below zero.
     let least = if estimated { over(squares.standard_error_over(&mask)) } else { 0.0 };
+    let pixels = mask.iter().filter(|m| **m).count() as f64;
+    let everywhere = (squares.mean * squares.map.data.len() as f64).max(least * pixels);
     let mse = over(squares.mean_over(&mask)).max(least);
     let quality = Quality {
         psnr: psnr_from_mse(mse).min(BEST_PSNR),
         ssim: ssim(&r, &c).mean_over(&mask).unwrap_or(1.0).min(1.0),
         flip: over(flip_map.mean_over(&mask)),
-        outline: if everywhere > 0.0 { (at_outline / everywhere).clamp(0.0, 1.0) } else { 0.0 },
+        outline: if everywhere > 0.0 { (at_outline / everywhere).clamp(0.0, 1.0).abs() } else { 0.0 },
         luminance: luminance_ratio(reference, candidate),
     };
     ViewQuality { quality, rmse: mse.sqrt(), flip: flip_map.map, picture: c }

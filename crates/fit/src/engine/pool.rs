@@ -14,6 +14,45 @@ const WINDOW: u64 = 64;
 /// are not the same few.
 const WINDOW_PER_REPLAY: u64 = 64;
 
+/// Pictures of a step: some that were never shown, and others drawn from the latest ones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Batch {
+    pictures: usize,
+    fresh: usize,
+}
+
+impl Batch {
+    /// `pictures`, of which `fresh` are new.
+    ///
+    /// # Panics
+    /// Unless 1 to `pictures` are new.
+    pub fn new(pictures: usize, fresh: usize) -> Self {
+        assert!(
+            (1..=pictures).contains(&fresh),
+            "{fresh} of {pictures} pictures are new; it must be 1 to all of them"
+        );
+        Self { pictures, fresh }
+    }
+
+    /// `pictures`, of which half are new, rounded up.
+    ///
+    /// # Panics
+    /// Without any.
+    pub fn half_new(pictures: usize) -> Self {
+        Self::new(pictures, pictures.div_ceil(2))
+    }
+
+    /// All pictures.
+    pub fn pictures(self) -> usize {
+        self.pictures
+    }
+
+    /// Those that are new.
+    pub fn fresh(self) -> usize {
+        self.fresh
+    }
+}
+
 /// Pictures that a fit keeps at most, whose batches have `size` pictures, `fresh` of them new.
 pub(super) fn window(size: u64, fresh: u64) -> u64 {
     WINDOW.max(WINDOW_PER_REPLAY * (size - fresh) / fresh)

@@ -253,6 +253,8 @@ pub struct PathTraced<'a> {
     apart: Option<u64>,
 }
 
+/// Samples of a pixel that two halves need.
+pub(crate) const FEWEST_IN_HALVES: u32 = 2;
 /// Tells the seeds of halves from others.
 const HALVES: u64 = 0x5851_f42d_4c95_7f2d;
 
@@ -311,11 +313,11 @@ impl<'a> PathTraced<'a> {
         Self { spp, ..self }
     }
 
-    /// The same as two pictures of half of the samples and their mean ([`ReferencePicture::halves`]). Their noise is that of no picture
-    /// of another number, so that none is near another by its noise.
+    /// The same as two pictures of half of the samples and their mean ([`ReferencePicture::halves`]), of [`FEWEST_IN_HALVES`] samples at
+    /// least. Their noise is that of no picture of another number, so that none is near another by its noise.
     #[must_use]
     pub fn in_halves(self, number: u64) -> Self {
-        Self { apart: Some(number), ..self }
+        Self { spp: self.spp.max(FEWEST_IN_HALVES), apart: Some(number), ..self }
     }
 
     /// A picture of the world as it stands, and its noise; `None` where it was stopped.
@@ -383,10 +385,12 @@ impl Reference for PathTraced<'_> {
                 halves: None,
             }));
         };
+        // Views have noise of their own, so that a mean over them has less.
+        let view = setup.camera.view().eye.to_array().map(f64::to_bits);
+        let view = view.into_iter().fold(HALVES, |seed, x| photofit_sampling::hash(seed, self.seed, x));
         let half = |k: u64| {
-            let seed = photofit_sampling::hash(self.seed ^ HALVES, number, k);
-            // One sample is one in each: there is no half without any.
-            let spp = if k == 0 { self.spp.div_ceil(2) } else { (self.spp / 2).max(1) };
+            let seed = photofit_sampling::hash(view, number, k);
+            let spp = if k == 0 { self.spp.div_ceil(2) } else { self.spp / 2 };
             self.rendered(world, setup, (seed, spp), stop)
         };
         let Some((first, noise)) = half(0)? else { return Ok(None) };

@@ -6,6 +6,7 @@
 
 mod held_out;
 
+pub use super::pool::Batch;
 pub use held_out::{HeldOut, Measure, relative_error};
 
 use super::checkpoint::{self, Course, Digest, Saved};
@@ -81,9 +82,7 @@ pub struct Job<'a> {
     /// Seed of the draws.
     pub seed: u64,
     /// Pictures of a step.
-    pub batch: usize,
-    /// How many of them are new, 1 to `batch`; the others are drawn from the latest.
-    pub fresh: usize,
+    pub batch: Batch,
     /// Steps of all phases.
     pub steps: u64,
     /// Quality, in the held-out views, of what is there without a fit: one that is far behind ends, after 100 steps and a tenth of
@@ -317,11 +316,11 @@ fn fingerprint<M: Model>(job: &Job<'_>, model: &M, groups: usize) -> Result<Fing
     }
     let mut picture = Digest::new();
     job.held_out.references().iter().for_each(|r| picture.add(r.as_flattened()));
-    let Job { fingerprint, batch, fresh, steps, loss, sampling, .. } = job;
+    let Job { fingerprint, batch, steps, loss, sampling, .. } = job;
     let options = fingerprint
         .clone()
-        .option("pictures of a step", batch)
-        .option("new pictures", fresh)
+        .option("pictures of a step", batch.pictures())
+        .option("new pictures", batch.fresh())
         .option("steps", steps);
     let options = options.option("loss", format!("{loss:?}")).option("sampling", format!("{sampling:?}"));
     let options = options.digest("what the fit starts from", digest);
@@ -449,8 +448,8 @@ impl<M: Model> Trainer<'_, M> {
             reference: job.reference,
             views: job.views,
             seed: job.seed,
-            size: job.batch as u64,
-            fresh: job.fresh as u64,
+            size: job.batch.pictures() as u64,
+            fresh: job.batch.fresh() as u64,
             sampling: job.sampling,
         };
         let shots = self.pool.batch(&from, (phase.first, step), phase.shrink);

@@ -20,7 +20,7 @@ pub use recovery::{RecoveryReport, write_recovery_report};
 pub use verdict::{Likeness, Verdict};
 
 use crate::FitError;
-use crate::engine::judge::BEST_PSNR;
+use crate::engine::judge::{BEST_PSNR, Judged};
 use crate::simplify::{
     Appearance, DECIMATED, FILE, FITTED, Normalised, ORIGINAL, Outcome, StageQuality, Written,
 };
@@ -192,6 +192,9 @@ fn table(o: &Outcome) -> String {
     let last = o.stages.last().map_or("", |s| s.name);
     let start = |start: Written| format!("{} with baked {}: a start", start.start(), o.appearance.in_words());
     let what = |name: &str| match name {
+        ORIGINAL if o.judged == Judged::PathTraced => {
+            "the asset itself, of other samples: what noise makes".to_owned()
+        }
         ORIGINAL => "the asset itself, drawn as an engine draws it".to_owned(),
         DECIMATED => "the asset's own materials".to_owned(),
         FITTED if last == FITTED => "the written file, loaded again".to_owned(),

@@ -42,8 +42,8 @@ pub struct Verdict {
     pub traced: bool,
     /// Whether the asset that was given has textures.
     pub textured: bool,
-    /// The asset itself drawn the same way, where engines draw it: with one sample a pixel it differs from the reference
-    /// too. [`Self::likeness`] is then by what FLIP of the written file exceeds that of the asset.
+    /// The asset itself drawn the same way, where that is not the picture of the reference: as an engine draws it, or path traced with
+    /// other samples. [`Self::likeness`] is then by what FLIP of the written file exceeds that of the asset.
     pub original: Option<Quality>,
 }
 
@@ -149,7 +149,7 @@ impl Verdict {
             Written::ShrinkWrapped | Written::Sphere | Written::Baked => format!("{start} with baked {maps}"),
             Written::Decimated => "the asset's own materials".to_owned(),
         };
-        let traced = if self.traced { ", its maps fitted once more through the path tracer," } else { "" };
+        let traced = if self.traced { ", its maps fitted once more through the path tracer" } else { "" };
         if self.too_large {
             let most = grouped(self.max_bytes.unwrap_or_default());
             return Some(format!("written is {what}{traced}: nothing of at most {most} bytes was found"));
@@ -161,9 +161,9 @@ impl Verdict {
         }
         Some(match self.written {
             Written::Fitted | Written::Kept => return None,
-            Written::Whole => format!("written is {what}: no other file took so few bytes"),
+            Written::Whole => format!("written is {what}, which has few enough bytes"),
             // The path tracer came to something that none of these was.
-            _ if self.traced => format!("written is {what}{traced} which looked best"),
+            _ if self.traced => format!("written is {what}{traced}, which looked best"),
             Written::Rebaked => format!("written is {what}, which looked best"),
             Written::Decimated => {
                 let (within, new) = (within(self.max_bytes), if self.fitted { "fit" } else { "baked maps" });
@@ -243,9 +243,10 @@ impl fmt::Display for Verdict {
             let (name, q) = (stage.name, &stage.quality);
             return write!(
                 f,
-                ". Before it was stored it has {} dB, FLIP {:.3} here ({name} in the table): finer textures or geometry would keep more",
+                ". Before it was stored it has {} dB, FLIP {:.3} here ({name} in the table): {} would keep more",
                 q.decibels(1),
-                q.flip
+                q.flip,
+                if self.max_bytes.is_some() { "more bytes" } else { "finer textures or geometry" }
             );
         }
         if let Some(stage) = &self.better {
@@ -331,7 +332,11 @@ mod tests {
             let sentence = format!("33.0 dB, FLIP 0.030 here ({} in the table)", written.name());
             assert!(text.contains(&sentence) && text.contains("Before it was stored"), "{text}");
             assert!(!text.contains("not in the file"), "{text}");
+            assert!(text.ends_with("finer textures or geometry would keep more"), "{text}");
         }
+        let (better, max_bytes) = (Some(stage("fitted", q(33.0, 0.03))), Some(9000));
+        let within = Verdict { better, max_bytes, ..Verdict::new(&[q(30.0, 0.05)], None) }.to_string();
+        assert!(within.ends_with(": more bytes would keep more"), "{within}");
         // The row of own materials is one of several decimations, and has all texels.
         assert!(
             told("decimated", Written::Decimated, true).contains("with their textures as they were given")
@@ -359,6 +364,12 @@ mod tests {
             let max_bytes = Some(9000);
             let large = Verdict { written, too_large: true, max_bytes, ..plain() }.to_string();
             assert!(large.ends_with("nothing of at most 9,000 bytes was found"), "{large}");
+            for cut in [
+                Verdict { written, cut: true, traced: true, ..plain() },
+                Verdict { written, too_large: true, traced: true, max_bytes, ..plain() },
+            ] {
+                assert!(cut.to_string().contains("more through the path tracer: "), "{cut}");
+            }
             assert!(!large.contains("looked b"), "{large}");
         }
         // Maps of the path tracer are those of no start.
@@ -388,7 +399,7 @@ mod tests {
             start(Written::ShrinkWrapped, Appearance::VertexColors)
                 .contains("surface, with baked colours of vertices")
         );
-        assert!(told(Written::Whole, false).ends_with("as it was given: no other file took so few bytes"));
+        assert!(told(Written::Whole, false).ends_with("as it was given, which has few enough bytes"));
     }
 
     #[test]

@@ -146,23 +146,26 @@ impl Budget<'_> {
         Ok(fit[ranking.best()])
     }
 
-    /// The file that was chosen; where it is too large the `whole` source as it is, if that fits. Also whether it is the source. Warns
-    /// where neither fits.
+    /// The file that was chosen; where it is too large, or has fewer triangles, the `whole` source as it is, if that fits. Also whether it is
+    /// the source. Warns where neither fits.
     ///
     /// # Errors
     /// If a file cannot be encoded.
     pub(super) fn or_whole(&self, made: Made, whole: Option<&Scene>) -> Result<(Made, bool), FitError> {
-        if made.bytes() <= self.most {
-            return Ok((made, false));
-        }
-        // Decimation splits vertices where attributes differ, so that all triangles may take more bytes than the source did.
-        if let Some(whole) = whole {
+        let fits = made.bytes() <= self.most;
+        // Decimation splits vertices where attributes differ and has no instances, so that all triangles may take more bytes than the
+        // source did.
+        let fewer = |whole: &&Scene| made.scene.triangle_count() < whole.triangle_count();
+        if let Some(whole) = whole.filter(|whole| !fits || fewer(whole)) {
             for compression in compressions(self.options.compression) {
                 let file = to_glb_with(whole, *compression)?;
                 if file.len() as u64 <= self.most {
                     return Ok((Made { scene: whole.clone(), compression: *compression, file }, true));
                 }
             }
+        }
+        if fits {
+            return Ok((made, false));
         }
         let ways = match self.options.compression {
             Compression::None => "fewer triangles or compressed geometry make it smaller",

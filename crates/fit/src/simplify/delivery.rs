@@ -44,7 +44,7 @@ pub(super) struct Delivered {
     pub(super) written: Written,
     /// Triangles of the asset and of the file.
     pub(super) triangles: [usize; 2],
-    /// What the report compares: the asset itself where an engine draws it, what the file was made from, and the file.
+    /// What the report compares: the asset itself where its pictures are others than those of the reference, what the file was made from, and the file.
     pub(super) stages: Vec<Stage>,
     pub(super) pictures: Vec<ReportView>,
     pub(super) judged: Judged,
@@ -73,8 +73,8 @@ impl Delivery<'_> {
         let held = Held::of(&file, scene, options);
         held.iter().for_each(|held| held.warn(compression, progress));
         let mut stages = Vec::new();
-        // Path traced, the original would be the reference itself.
-        if options.as_engine && !options.is_judged_by_path_tracing(scene) {
+        // As an engine draws it the asset differs from the reference, too; path traced, by the noise of other samples.
+        if options.as_engine || options.is_judged_by_path_tracing(scene) {
             stages.push(Stage::new(ORIGINAL, scene.clone()));
         }
         let is_fit = written == Written::Fitted && others.iter().all(|s| s.name != FITTED);

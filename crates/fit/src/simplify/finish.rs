@@ -90,14 +90,12 @@ fn within(
     let fits: Vec<bool> = made.iter().map(|m| m.bytes() <= budget.most).collect();
     let (best, why) = match fits[..] {
         // They looked better when they were fitted: who stopped the work gets them without a comparison of files.
-        [_, true] if budget.progress.is_cancelled() => {
-            cut = true;
-            (1, "")
-        }
+        [true, true] if budget.progress.is_cancelled() => (1, ""),
         [true, false] => (0, "with them no file has so few bytes"),
         [false, false] => (budget.best(&made)?, "the file with those before is smaller"),
         _ => (budget.best(&made)?, "within the bytes those before look better"),
     };
+    cut |= fits == [true, true] && budget.progress.is_cancelled();
     let course = if best == 0 { course.beaten_by(why) } else { course };
     let given = budget.asset.given;
     let whole = (budget.options.keeps_all(given) && compares).then_some(given);

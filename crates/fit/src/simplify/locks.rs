@@ -5,11 +5,11 @@ use super::{Normalised, SimplifyOptions, options};
 use crate::engine::asset::bits;
 use crate::engine::plan::Item;
 use crate::{FitError, Progress};
-use photofit_geometry::decimate::{Decimated, Options};
+use photofit_geometry::decimate::{Decimated, Options, cleaned};
 use photofit_geometry::weld::weld_exact;
 use photofit_geometry::{Edges, Mesh};
 use photofit_scalar::Vec3f;
-use photofit_scene::{Compression, Scene};
+use photofit_scene::{Compression, FlatScene, Scene};
 use std::collections::{BTreeSet, HashMap, HashSet};
 
 impl SimplifyOptions {
@@ -78,12 +78,12 @@ impl Held {
         if !options.locks() {
             return None;
         }
-        let mut mesh = scene.flatten().mesh;
-        // What has no area is not there for a decimation.
-        let has_area = |[a, b, c]: [Vec3f; 3]| (b - a).cross(c - a).length() > 0.0;
-        let kept: Vec<bool> = (0..mesh.triangles.len()).map(|t| has_area(mesh.corners(t))).collect();
-        let mut kept = kept.into_iter();
-        mesh.triangles.retain(|_| kept.next() == Some(true));
+        let FlatScene { mut mesh, triangle_material } = scene.flatten();
+        let weld = weld_exact(&mesh.positions);
+        let double = |t: usize| scene.materials[triangle_material[t] as usize].double_sided;
+        // Borders are those of what a decimation takes.
+        let taken = cleaned(&weld.triangles(&mesh.triangles), double);
+        mesh.triangles = taken.into_iter().map(|t| mesh.triangles[t as usize]).collect();
         let mut wanted: HashSet<[u32; 3]> = HashSet::new();
         if let Some(name) = &options.lock {
             let shown = shown(&mesh);
@@ -91,7 +91,6 @@ impl Held {
             wanted.extend(marked.filter(|p| shown.contains(p)));
         }
         if options.lock_borders {
-            let weld = weld_exact(&mesh.positions);
             let border = Edges::new(&mesh.triangles, &weld).border_vertices();
             let open = weld.pick(&mesh.positions).into_iter().zip(border).filter(|(_, border)| *border);
             wanted.extend(open.map(|(p, _)| bits(p)));
@@ -149,7 +148,7 @@ pub(super) fn restore(light: &mut Scene, scene: &Scene, n: &Normalised) {
 mod tests {
     use super::super::tests::{Heard, of};
     use super::*;
-    use photofit_geometry::shapes::quad_grid;
+    use photofit_geometry::shapes::{cube, quad_grid};
     use photofit_scene::{Material, Precision};
 
     #[test]
@@ -176,5 +175,33 @@ mod tests {
         assert!(
             all.row(rounded).why.ends_with("to the bit") && less.row(rounded).why.contains("compression")
         );
+    }
+
+    /// A closed box with a vertex in the middle of an edge, where a triangle of no area joins both sides; and a triangle that stands
+    /// twice, and one of a single point.
+    #[test]
+    fn borders_are_those_of_what_a_decimation_takes() {
+        let borders = SimplifyOptions { lock_borders: true, ..SimplifyOptions::default() };
+        let wanted = |mesh: &Mesh| {
+            let scene = of(mesh.clone(), Material::clay());
+            Held::of(&scene, &scene, &borders).unwrap().wanted
+        };
+        let mut mesh = quad_grid(1, 1);
+        assert_eq!(wanted(&mesh), 4);
+        mesh.triangles.push(mesh.triangles[0]);
+        mesh.triangles.push([1, 1, 1]);
+        assert_eq!(wanted(&mesh), 4, "what stands twice or has no corners is no neighbour");
+        let mut mesh = Mesh { normals: Vec::new(), uvs: Vec::new(), ..cube() };
+        assert_eq!(wanted(&mesh), 0);
+        let [a, b, c] = mesh.triangles[0];
+        let p = |v: u32| mesh.positions[v as usize];
+        let middle = (p(a) + p(b)) * 0.5;
+        let m = mesh.positions.len() as u32;
+        mesh.positions.push(middle);
+        mesh.triangles[0] = [a, m, c];
+        mesh.triangles.push([m, b, c]);
+        assert_eq!(wanted(&mesh), 3, "open at both halves of the edge and along it");
+        mesh.triangles.push([b, m, a]);
+        assert_eq!(wanted(&mesh), 0, "closed by what has no area");
     }
 }

@@ -12,7 +12,7 @@ use crate::engine::export::to_scene;
 use crate::engine::judge::{self, Judge, JudgeRenderer, Judged, WIDEST_TRACED, beyond_rasterizer};
 use crate::engine::plan::FitRequest;
 use crate::engine::reference::{Reference, ReferenceKind, SAMPLES, SUPERSAMPLE, samples_for};
-use crate::engine::trainer::{Checkpointing, HELD_OUT};
+use crate::engine::trainer::{Batch, Checkpointing, HELD_OUT};
 use crate::engine::vertex_colors::colored;
 use crate::views::{Lighting, Sampling};
 use crate::{FitError, Progress};
@@ -261,11 +261,11 @@ impl SimplifyOptions {
         if self.as_engine { [samples_for(self.resolution), 1] } else { [SUPERSAMPLE; 2] }
     }
 
-    /// Pictures of a step.
-    pub(super) fn pictures_per_step(&self) -> usize {
+    /// Pictures of a step: small ones are more, of which no more are new.
+    pub(super) fn batch_of_steps(&self) -> Batch {
         let small = self.as_engine || self.mips == Mips::Free;
         let more = if small { (512 / self.mean_side().max(1)).clamp(1, MOST_REPLAYS) } else { 1 };
-        self.batch * more
+        Batch::new(self.batch * more, self.batch.div_ceil(2))
     }
 
     /// How many times as many views as usual pictures of this size need, so that they show as many pixels.
@@ -366,7 +366,8 @@ impl SimplifyOptions {
             rule("texture_size", texture_size, (16..=8192).contains(&texture_size), "must be 16 to 8192"),
             rule("batch", self.batch, (1..=64).contains(&self.batch), "must be 1 to 64"),
             rule("report_views", self.report_views, self.report_views <= 256, "must be at most 256"),
-            rule("judge_spp", self.judge_spp, (1..=65536).contains(&self.judge_spp), "must be 1 to 65536"),
+            // Pictures of the judge are made in halves.
+            rule("judge_spp", self.judge_spp, (2..=65536).contains(&self.judge_spp), "must be 2 to 65536"),
             rule(
                 "triangles_by_bytes",
                 self.triangles_by_bytes,

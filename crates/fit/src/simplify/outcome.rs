@@ -153,7 +153,7 @@ pub enum Written {
     Decimated,
     /// The asset's own texture coordinates, materials and textures on fewer triangles, as asked.
     Kept,
-    /// The asset as it was given: no other file took so few bytes.
+    /// The asset as it was given, which has few enough bytes.
     Whole,
 }
 

@@ -256,7 +256,8 @@ pub(super) fn written(stage: &Stage, n: &Normalised, options: &SimplifyOptions) 
     light
 }
 
-/// Drops texture coordinates and tangents of materials without textures, and colours that change nothing.
+/// Drops texture coordinates and tangents of materials without textures, and colours that change nothing: where bytes are scarce. Else who
+/// gave them may have a use for them.
 fn drop_unread(scene: &mut Scene) {
     for primitive in &mut scene.primitives {
         if primitive.mesh.colors.iter().all(|c| c.to_array() == [1.0; 4]) {
@@ -390,6 +391,15 @@ mod tests {
             (!mesh.uvs.is_empty(), !mesh.colors.is_empty())
         };
         assert_eq!([has(0), has(1)], [(false, false), (true, true)]);
+        // Each by itself: a textured part whose colours are white.
+        let mut mixed = Scene { primitives: vec![part(white, 1), part(white * 0.5, 0)], ..scene.clone() };
+        drop_unread(&mut mixed);
+        scene = mixed;
+        let has = |k: usize| {
+            let mesh = &scene.primitives[k].mesh;
+            (!mesh.uvs.is_empty(), !mesh.colors.is_empty())
+        };
+        assert_eq!([has(0), has(1)], [(true, false), (false, true)]);
     }
 
     /// Data in 16 bits are halved in 16, and in 8 beside them; colours in 8.

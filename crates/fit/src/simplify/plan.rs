@@ -414,7 +414,7 @@ fn written(
         }
         Written::Decimated => "the asset's own materials".to_owned(),
         Written::Kept => "the asset's own surface".to_owned(),
-        Written::Whole => "the asset as it was given: no other file took so few bytes".to_owned(),
+        Written::Whole => "the asset as it was given, which has few enough bytes".to_owned(),
     };
     let traced = if traced { ", whose maps were fitted once more through the path tracer" } else { "" };
     let on = triangles.map_or_else(String::new, |[of, made]| format!("; {made} of {of} triangles"));

@@ -162,20 +162,10 @@ pub(super) fn clean(mesh: &Mesh, group: &[u32], options: &Options) -> Result<Sou
         let g = group.get(t).copied().unwrap_or(0) as usize;
         options.double_sided.get(g).copied().unwrap_or(false)
     };
-    let mut triangles: Vec<[u32; 3]> = Vec::with_capacity(mesh.triangles.len());
-    let mut source = Vec::with_capacity(mesh.triangles.len());
-    for (t, corners) in mesh.triangles.iter().enumerate() {
-        let c = corners.map(|i| map.ids[used[i as usize] as usize]);
-        if c[0] != c[1] && c[1] != c[2] && c[2] != c[0] {
-            triangles.push(c);
-            source.push(t as u32);
-        }
-    }
-    let keep = unique(&triangles, |k| double(source[k] as usize));
-    let mut kept = keep.iter().copied();
-    triangles.retain(|_| kept.next().unwrap_or(false));
-    let mut kept = keep.iter().copied();
-    source.retain(|_| kept.next().unwrap_or(false));
+    let mut triangles: Vec<[u32; 3]> = mesh.triangles.clone();
+    triangles.as_flattened_mut().iter_mut().for_each(|i| *i = map.ids[used[*i as usize] as usize]);
+    let source = cleaned(&triangles, double);
+    let triangles: Vec<[u32; 3]> = source.iter().map(|t| triangles[*t as usize]).collect();
     if triangles.is_empty() {
         return Err(DecimateError::Empty);
     }
@@ -211,22 +201,28 @@ fn canonical(t: [u32; 3]) -> ([u32; 3], bool) {
     (s, !even)
 }
 
-/// False for every triangle that repeats an earlier one (of the same orientation unless seen from both sides).
-fn unique(triangles: &[[u32; 3]], double: impl Fn(usize) -> bool) -> Vec<bool> {
+/// The triangles over welded vertices that [`super::decimate`] takes, in their order: those of three corners that repeat no earlier
+/// one of the same orientation, of any where they are seen from both sides (`double`, of an index).
+///
+/// ```
+/// use photofit_geometry::decimate::cleaned;
+/// let triangles = [[0, 1, 2], [2, 0, 1], [2, 1, 0], [0, 0, 1], [0, 2, 3]];
+/// assert_eq!(cleaned(&triangles, |_| false), [0, 2, 4]);
+/// assert_eq!(cleaned(&triangles, |_| true), [0, 4]);
+/// ```
+pub fn cleaned(triangles: &[[u32; 3]], double: impl Fn(usize) -> bool) -> Vec<u32> {
     let mut order: Vec<([u32; 3], bool, u32)> = triangles
         .iter()
         .enumerate()
+        .filter(|(_, [a, b, c])| a != b && b != c && c != a)
         .map(|(k, &t)| {
             let (s, odd) = canonical(t);
             (s, odd && !double(k), k as u32)
         })
         .collect();
     order.sort_unstable();
-    let mut keep = vec![true; triangles.len()];
-    for pair in order.windows(2) {
-        if (pair[0].0, pair[0].1) == (pair[1].0, pair[1].1) {
-            keep[pair[1].2 as usize] = false;
-        }
-    }
-    keep
+    order.dedup_by_key(|(corners, odd, _)| (*corners, *odd));
+    let mut kept: Vec<u32> = order.into_iter().map(|(.., k)| k).collect();
+    kept.sort_unstable();
+    kept
 }

@@ -61,6 +61,7 @@ mod wedge;
 #[cfg(test)]
 mod tests;
 
+pub use clean::cleaned;
 pub use components::components;
 pub use options::{DecimateError, Decimated, Options, Stats, Target};
 

@@ -63,9 +63,9 @@ impl Shown {
         let largest = |[w, h]: [usize; 2], s: &Shot| [w.max(s.width), h.max(s.height)];
         let size = job.held_out.shots().iter().fold([0; 2], largest);
         // Where all pictures of a step are new none is shown again.
-        let again = job.fresh < job.batch;
-        let pictures = if again { window(job.batch as u64, job.fresh as u64) as usize } else { job.batch };
-        Self { pictures, batch: job.batch, size }
+        let (batch, fresh) = (job.batch.pictures(), job.batch.fresh());
+        let pictures = if fresh < batch { window(batch as u64, fresh as u64) as usize } else { batch };
+        Self { pictures, batch, size }
     }
 
     fn pixels(self) -> usize {

@@ -67,7 +67,14 @@ fn a_step_sees_as_many_pixels_as_one_of_classic_levels() {
     let side = |smallest_size| SimplifyOptions { smallest_size, ..free() }.mean_side();
     assert_eq!((side(512), side(16), side(1000)), (512, 194, 512));
     assert_eq!(SimplifyOptions::default().mean_side(), 512);
-    assert_eq!(free().pictures_per_step(), 2 * SimplifyOptions::default().pictures_per_step());
+    let batch = |o: SimplifyOptions| (o.batch_of_steps().pictures(), o.batch_of_steps().fresh());
+    assert_eq!((batch(SimplifyOptions::default()), batch(free())), ((2, 1), (4, 1)));
+    let engine = SimplifyOptions { as_engine: true, resolution: 32, batch: 3, ..SimplifyOptions::default() };
+    assert_eq!(
+        batch(engine),
+        (3 * crate::simplify::MOST_REPLAYS, 2),
+        "small pictures are seen again, not made anew"
+    );
     assert_eq!(free().picture_size(), 512, "pixels as an engine shades them");
 }
 

@@ -89,7 +89,7 @@ impl Asset {
             occluded: count(&|m| m.occlusion_texture.is_some()),
             volumes: count(&|m| with(m, "volume")),
             animations: scene.hierarchy.as_ref().map_or(0, |h| h.animations.len()),
-            vertex_colors: meshes().any(|m| !m.colors.is_empty()),
+            vertex_colors: meshes().any(|m| m.colors.iter().any(|c| c.to_array() != [1.0; 4])),
             uvs: [meshes().any(|m| !m.uvs.is_empty()), meshes().any(|m| !m.uvs1.is_empty())],
             images: scene.images.len(),
             textured: is_textured(scene),
@@ -178,8 +178,8 @@ impl Asset {
         );
         item("reference tangents", self.directed > 0, why);
         let why = match (self.vertex_colors, surface) {
-            (false, _) => "none",
-            (true, LightSurface::Own) => "read, and kept (within a budget of bytes unless all are white)",
+            (false, _) => "none, or none that is not white",
+            (true, LightSurface::Own) => "read, and kept",
             (true, LightSurface::New | LightSurface::Colors) => "read, and baked into the base colour",
             (true, LightSurface::Open) => "read; where maps are new, baked into the base colour",
         };

@@ -34,9 +34,9 @@ impl Judgement {
         Self { pictures, at_most: false, ..self }
     }
 
-    /// Pictures of the asset in each view.
-    pub(crate) fn pictures_of_asset(&self) -> u64 {
-        u64::from(!matches!(self.judged, Judged::RasterizedAgainst(_)))
+    /// Pictures of the asset in each view: one that shows what noise alone makes, beside the one that all are compared with.
+    fn pictures_of_asset(&self) -> u64 {
+        1 + u64::from(!matches!(self.judged, Judged::RasterizedAgainst(_)))
     }
 
     /// Whether the path tracer draws, and why, with the samples of the report that it takes or that are saved; pictures by

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::simplify::byte_budget::bytes_without_textures;
+use photofit_geometry::shapes::quad_grid;
 
 /// A rock whose triangles have normals of their own, so that each has three vertices.
 fn faceted() -> Scene {
@@ -53,26 +54,41 @@ fn triangles_of_new_maps_are_counted_by_what_they_take() {
     }
 }
 
-/// Looks decide how many triangles share the bytes with maps: many where the shape alone shows.
+/// Looks decide how many triangles share the bytes with maps: many where the shape alone shows, few where it is flat and its texture
+/// is not.
 #[test]
 fn the_number_of_triangles_is_that_whose_file_looks_best() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.glb");
-    let (asset, most) = (of(displaced_sphere(40, 0.3, 5, 3), Material::clay()), 60_000);
-    let o = SimplifyOptions {
-        own_textures: false,
-        triangles_by_bytes: true,
-        max_bytes: Some(most),
-        texture_size: 64,
-        steps: 0,
-        ..options()
-    };
-    let made = simplify(&asset, &path, &o, &Silent).unwrap();
-    let light = photofit_scene::load(&path).unwrap();
-    let part = bytes_without_textures(&light, Compression::None).unwrap() as f64 / most as f64;
+    let bumpy = of(displaced_sphere(40, 0.3, 5, 3), Material::clay());
+    let mut flat = Scene { primitives: vec![Primitive { mesh: quad_grid(20, 20), material: 0 }], ..tiled() };
+    // Patches of 2 x 2 texels.
+    let patches = (0..128_u32 * 128).map(|k| {
+        let [_, r, g, b] = (k / 256 * 64 + k % 128 / 2 + 1).wrapping_mul(0x9e37_79b9).to_le_bytes();
+        [r, g, b, 255]
+    });
+    flat.images =
+        vec![TextureImage { width: 128, height: 128, texels: patches.collect(), ..TextureImage::default() }];
     // Half of the bytes is what is tried first.
-    assert!((0.6..1.0).contains(&part), "{part} of {most}: {}", made.plan);
-    assert!(made.plan.to_string().contains("the best of "), "{}", made.plan);
+    for (asset, most, texture_size, expected) in
+        [(bumpy, 60_000, 64, 0.6..1.0), (flat, 16_000, 128, 0.1..0.4)]
+    {
+        let o = SimplifyOptions {
+            own_textures: false,
+            triangles_by_bytes: true,
+            max_bytes: Some(most),
+            texture_size,
+            resolution: 128,
+            steps: 0,
+            ..options()
+        };
+        let made = simplify(&asset, &path, &o, &Silent).unwrap();
+        let light = photofit_scene::load(&path).unwrap();
+        let part = bytes_without_textures(&light, Compression::None).unwrap() as f64 / most as f64;
+        println!("{part}: {}", made.plan);
+        assert!(expected.contains(&part), "{part} of {most}: {}", made.plan);
+        assert!(made.plan.to_string().contains("the best of "), "{}", made.plan);
+    }
 }
 
 /// An asset without textures may keep its materials where colours of vertices are asked for.
