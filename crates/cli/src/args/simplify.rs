@@ -152,7 +152,7 @@ pub(crate) struct Simplify {
     #[arg(long, value_enum, default_value = "auto")]
     pub(crate) judge: FitJudge,
     /// Samples per pixel where the result is judged by path tracing, in pictures of at most 256 x 256 pixels; fewer take less
-    /// time, and their noise counts as error in SSIM and FLIP [range: 1 to 65536].
+    /// time, and their noise counts as error in SSIM and FLIP [range: 2 to 65536].
     #[arg(long, value_name = "N", default_value_t = SimplifyOptions::default().judge_spp, value_parser = whole::<u32>(2..=65536))]
     pub(crate) judge_spp: u32,
     #[command(flatten)]

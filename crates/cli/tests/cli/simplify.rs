@@ -381,8 +381,8 @@ fn a_path_traced_judgement_is_announced_and_can_be_bounded() {
         (stdout(&o), stderr(&o), json(&d.join("f.json")), page)
     };
     let (out, err, f, page) = run(&["--judge-spp", "2"]);
-    // 8 views of the asset and of at most 5 stages, 48 pixels a side.
-    let cost = "the report takes up to 48 pictures of 48 x 48 pixels, 2 samples each";
+    // 8 views of the asset, twice, and of at most 5 stages, 48 pixels a side.
+    let cost = "the report takes up to 56 pictures of 48 x 48 pixels, 2 samples each";
     assert!(out.contains("run  path traced judgement") && out.matches(cost).count() == 1, "{out}");
     let drawn = out.matches("the report takes ").count();
     assert_eq!(drawn, 2, "what was drawn is told without a bound: {out}");
