@@ -404,3 +404,42 @@ mod tests {
         assert_eq!(signed(planes(&plain), false).to_rgb(), plain);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use photofit_image::write_exr_planes;
+    use photofit_mutants::{Shape, Target};
+
+    /// Files of several layers, as `denoise` reads them.
+    #[test]
+    fn mutants_are_read_or_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("layers.exr");
+        let layer = |name: &str, channels: &[&str]| {
+            let (width, height) = (5, 4);
+            let planes = (0..width * height * channels.len()).map(|i| 0.1 * i as f32).collect();
+            let channels = channels.iter().map(ToString::to_string).collect();
+            ExrLayer { name: name.into(), width, height, channels, planes }
+        };
+        let files = [
+            vec![layer("color", &["R", "G", "B"]), layer("normal", &["X", "Y", "Z"]), layer("depth", &["Z"])],
+            vec![layer("", &["R", "G", "B", "A"])],
+        ];
+        let seeds = files.map(|layers| {
+            write_exr_planes(&path, &layers).unwrap();
+            std::fs::read(&path).unwrap()
+        });
+        let seen = Target { name: "layers", shape: Shape::Bytes, seeds: &seeds }.run(
+            |n| n == 400,
+            |bytes| {
+                std::fs::write(&path, bytes).unwrap();
+                let layers = Layers::read_known(&path).map_err(|e| format!("{e:#}"))?;
+                layers.color().map_err(|e| format!("{e:#}"))?;
+                Kind::GUIDES.iter().for_each(|kind| drop(layers.find(*kind)));
+                Ok(())
+            },
+        );
+        seen.assert_deep("layers", 10);
+    }
+}

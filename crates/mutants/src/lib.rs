@@ -26,10 +26,13 @@ pub use shape::{Packing, Shape, glb};
 use std::collections::BTreeSet;
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 /// Time that a reader may take for a file of some kilobytes, on a machine that has other work.
 const TIME: Duration = Duration::from_secs(20);
+/// Time after which one that has not come back ends the process: it may never come back.
+const AT_MOST: Duration = Duration::from_secs(120);
 
 /// A reader's files.
 #[derive(Clone, Copy, Debug)]
@@ -58,7 +61,7 @@ impl Target<'_> {
     ///
     /// # Panics
     /// When a seed is refused, or when a mutant makes the reader panic or takes more than 20 seconds; the mutant is kept in
-    /// the folder for temporary files, which is told.
+    /// the folder for temporary files, which is told. A reader that has not come back after two minutes ends the process.
     pub fn run(
         &self,
         enough: impl Fn(u64) -> bool,
@@ -75,7 +78,10 @@ impl Target<'_> {
                 bytes = self.shape.mutate(&bytes, &mut rng);
             }
             let start = Instant::now();
-            let outcome = catch_unwind(AssertUnwindSafe(|| read(&bytes)));
+            let outcome = {
+                let _watched = self.watched(&bytes, seen.count, AT_MOST);
+                catch_unwind(AssertUnwindSafe(|| read(&bytes)))
+            };
             match outcome {
                 Ok(_) if start.elapsed() > TIME => self.fail(&bytes, seen.count, "takes too long"),
                 Ok(Ok(())) => seen.read += 1,
@@ -88,12 +94,29 @@ impl Target<'_> {
     }
 
     fn fail(&self, bytes: &[u8], number: u64, what: &str) -> ! {
-        let kept = std::env::temp_dir().join(format!("photofit-mutant-{}-{number}", self.name));
-        let kept = match std::fs::write(&kept, bytes) {
-            Ok(()) => format!("kept as {}", kept.display()),
-            Err(e) => format!("which cannot be kept: {e}"),
-        };
-        panic!("{} mutant {number}, {kept}: {what}", self.name);
+        panic!("{} mutant {number}, {}: {what}", self.name, kept(self.name, bytes, number));
+    }
+
+    /// Ends the process unless what it returns is dropped within a time.
+    fn watched(&self, bytes: &[u8], number: u64, at_most: Duration) -> mpsc::Sender<()> {
+        let (watched, ended) = mpsc::channel::<()>();
+        let (name, bytes) = (self.name.to_owned(), bytes.to_vec());
+        std::thread::spawn(move || {
+            if ended.recv_timeout(at_most) == Err(mpsc::RecvTimeoutError::Timeout) {
+                eprintln!("{name} mutant {number}, {}: hangs", kept(&name, &bytes, number));
+                std::process::abort();
+            }
+        });
+        watched
+    }
+}
+
+/// Keeps a mutant, and says where.
+fn kept(name: &str, bytes: &[u8], number: u64) -> String {
+    let path = std::env::temp_dir().join(format!("photofit-mutant-{name}-{number}"));
+    match std::fs::write(&path, bytes) {
+        Ok(()) => format!("kept as {}", path.display()),
+        Err(e) => format!("which cannot be kept: {e}"),
     }
 }
 

@@ -56,12 +56,16 @@ impl Extensions {
         used.into_iter().filter(|(_, used)| *used).map(|(name, _)| name).collect()
     }
 
+    /// Whether light passes: where none does a volume means nothing.
+    pub fn transmits(&self) -> bool {
+        self.transmission.as_ref().is_some_and(|t| t.factor > 0.0)
+    }
+
     /// Those of [`Self::names`] that change what is seen: their factors leave something of them.
     pub fn acting(&self) -> Vec<&'static str> {
-        let transmits = self.transmission.as_ref().is_some_and(|t| t.factor > 0.0);
         let acts = |name: &&str| match *name {
             "specular" => self.specular.as_ref().is_some_and(|s| *s != Specular::default()),
-            "transmission" | "volume" => transmits,
+            "transmission" | "volume" => self.transmits(),
             "clearcoat" => self.clearcoat.as_ref().is_some_and(|c| c.factor > 0.0),
             "sheen" => self.sheen.as_ref().is_some_and(|s| s.color.iter().any(|c| *c > 0.0)),
             "anisotropy" => self.anisotropy.as_ref().is_some_and(|a| a.strength > 0.0),

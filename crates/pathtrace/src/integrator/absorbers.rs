@@ -63,6 +63,11 @@ impl Absorbers {
         Some(self.materials[top as usize % CAPACITY])
     }
 
+    /// The same for a way of a length; without end it absorbs nothing.
+    pub(super) fn innermost_on(&self, length: f32) -> Option<u32> {
+        self.innermost().filter(|_| length < f32::INFINITY)
+    }
+
     /// Absorption per unit of length of the innermost solid.
     #[inline(always)]
     pub(super) fn absorption(&self, world: &World) -> Vec3f {

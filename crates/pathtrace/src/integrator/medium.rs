@@ -230,17 +230,18 @@ pub(super) fn through_boundaries(
         around.absorbers.cross(world, hit.instance, hit.front);
         around.medium = media.beside(hit.instance, !hit.front, around.medium);
     }
-    if let Some(solid) = around.absorbers.innermost() {
+    if let Some(solid) = around.absorbers.innermost_on(ray.t_max - from) {
         passed(Passed::Solid(solid, ray.t_max - from));
     }
     through = through.mul(absorbed(around.absorbers.absorption(world), ray.t_max - from));
     through.mul(scattered(world, ray, around.medium, [from, ray.t_max], rng, &mut passed))
 }
 
-/// What of light passes a length of an absorber; all of it without absorption, however far.
+/// What of light passes a length of an absorber; all of it without absorption, and on a way without end: what it leaves to the environment
+/// is no closed solid.
 #[inline(always)]
 pub(crate) fn absorbed(sigma: Vec3f, length: f32) -> Vec3f {
-    if sigma == Vec3f::zero() || length <= 0.0 {
+    if sigma == Vec3f::zero() || length <= 0.0 || length == f32::INFINITY {
         return Vec3f::splat(1.0);
     }
     exp(sigma.map(|s| if s > 0.0 { -s * length } else { 0.0 }))

@@ -151,7 +151,7 @@ pub(super) fn transmittance<const F: u32>(
     }
     if F & plan::ABSORPTION != 0 {
         if passage.crossed.is_empty() {
-            if let Some(solid) = around.absorbers.innermost() {
+            if let Some(solid) = around.absorbers.innermost_on(ray.t_max) {
                 passed(Passed::Solid(solid, ray.t_max));
             }
             return absorbed(around.absorbers.absorption(world), ray.t_max);

@@ -112,6 +112,60 @@ fn all_estimators_absorb_behind_the_surface_that_a_shadow_ray_leaves() {
     assert!(both.0.data.iter().step_by(4).sum::<f32>() > 1.0, "the lamp is seen");
 }
 
+/// A sheet of rough glass bounds no closed solid: what a path leaves behind it to the environment or a sun is not absorbed, whichever way
+/// the light is found.
+#[test]
+fn all_estimators_agree_behind_an_open_sheet() {
+    let one = Vec3f::splat(1.0);
+    let glass = Dielectric { ior: 1.3, reflectance: one, transmittance: one, mode: TransportMode::Radiance };
+    let glass = RoughDielectric { glass, surface: Microfacet::isotropic(Distribution::Ggx, 0.4) };
+    let solid = Material { absorption: vec3(0.5, 1.0, 2.0), ..Material::new(Bsdf::RoughDielectric(glass)) };
+    let sky = photofit_image::Image::from_data(2, 1, 3, vec![0.2, 0.5, 1.0, 1.0, 0.6, 0.3]);
+    let sky = EnvironmentMap { compensate: false, ..EnvironmentMap::new(sky) };
+    let mut parts = Parts { environment: Some(sky), ..Parts::default() };
+    let sheet = quad(vec3(-2.0, -2.0, 0.0), vec3(4.0, 0.0, 0.0), vec3(0.0, 4.0, 0.0));
+    place(&mut parts, sheet, solid);
+    // Beside it a floor in whose light the sheet stands: from there its inside is seen through it.
+    let floor = quad(vec3(-2.0, -2.0, -1.0), vec3(4.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0));
+    place(&mut parts, floor, Material::new(diffuse(0.8, 0.8, 0.8)));
+    let world = World::new(parts).unwrap();
+    let view = looking([0.0, 0.3, 3.0], [0.0, -0.4, 0.0], 0.35);
+    let run = |strategy: Strategy, seed: u64, spp: u32| {
+        let path = with_strategy(strategy, 4);
+        render(&world, &view, RenderOptions { path, seed, ..square(16, spp) })
+    };
+    let (both, light, bsdf) =
+        (run(Strategy::Mis, 1, 512), run(Strategy::Light, 2, 2048), run(Strategy::Bsdf, 3, 2048));
+    agree("light sampling", (&both.0, &both.1, 512), (&light.0, &light.1, 2048));
+    agree("BSDF sampling", (&both.0, &both.1, 512), (&bsdf.0, &bsdf.1, 2048));
+}
+
+/// A volume of a surface that lets no light through means nothing: it bounds no solid.
+#[test]
+fn a_volume_behind_an_opaque_surface_absorbs_nothing() {
+    let volume = |transmission: f32| {
+        let extensions = photofit_scene::Extensions {
+            transmission: Some(photofit_scene::Transmission { factor: transmission, texture: None }),
+            volume: Some(photofit_scene::Volume {
+                thickness: 1.0,
+                attenuation_distance: 0.1,
+                attenuation_color: [0.5; 3],
+                ..Default::default()
+            }),
+            ..Default::default()
+        };
+        let material = photofit_scene::Material {
+            extensions: Some(Box::new(extensions)),
+            ..photofit_scene::Material::clay()
+        };
+        let scene = photofit_scene::Scene { materials: vec![material], ..Default::default() };
+        Parts::from_scene(&scene).materials[0].clone()
+    };
+    let (opaque, glass) = (volume(0.0), volume(1.0));
+    assert!(!opaque.solid && opaque.absorption == Vec3f::zero());
+    assert!(glass.solid && glass.absorption.x > 1.0);
+}
+
 #[test]
 fn absorption_counts_on_the_way_to_a_collision() {
     // A dense box in an absorbing ball, lit from where it is seen: half a unit of absorber there and back.

@@ -379,6 +379,8 @@ pub(crate) fn named_by_mitsuba() -> Vec<Named> {
             "<shape type='sdfgrid'><string name='filename' value='mutant.vol'/></shape>"),
         ("serialized", "serialized", Shape::Packed(&SERIALIZED), vec![pack_serialized(&[triangle, b"\x1c\x04\x04\0".to_vec()])],
             "<shape type='serialized'><string name='filename' value='mutant.serialized'/></shape>"),
+        ("spectrum", "spd", Shape::Text, vec![b"# metal\n400 .2\n500.5 0.31\n600 1e-1\n700 .95\n".to_vec(), b"360 1\n830 2\n".to_vec()],
+            "<shape type='cube'><bsdf type='diffuse'><spectrum name='reflectance' filename='mutant.spd'/></bsdf></shape>"),
         ("pfm", "pfm", Shape::Bytes, vec![pfm], "<shape type='cube'><bsdf type='diffuse'><texture name='reflectance' type='bitmap'><string name='filename' value='mutant.pfm'/></texture></bsdf></shape>"),
         ("bmp", "bmp", Shape::Bytes, vec![bmp],
             "<shape type='cube'><bsdf type='diffuse'><texture name='reflectance' type='bitmap'><string name='filename' value='mutant.bmp'/></texture></bsdf></shape>"),

@@ -2,6 +2,8 @@
 
 use super::*;
 use crate::Shape;
+use crate::mc::coherence::auxiliary_weight;
+use crate::mc::frame::Features;
 use crate::mc::{
     SHARPNESS, Stage, VariationalModel, adaptive_weight, blended_weight, choose_by_halves, solve_variational,
 };
@@ -27,12 +29,13 @@ fn case(seed: u64, samples: u32) -> Case {
             a
         })
     };
-    let mut auxiliary = vec![0.0_f32; n];
-    for guide in [&scene.normal, &scene.albedo, &scene.depth] {
-        let c = crate::mc::curvature(guide, 128, 96);
-        auxiliary.iter_mut().zip(c).for_each(|(a, c)| *a = a.max(c));
-    }
-    auxiliary.iter_mut().for_each(|c| *c = (-SHARPNESS * *c).exp());
+    let features = Features {
+        normal: Some((&scene.normal[..]).into()),
+        albedo: Some((&scene.albedo[..]).into()),
+        depth: Some((&scene.depth[..]).into()),
+        position: None,
+    };
+    let auxiliary = auxiliary_weight(&features, scene.shape, SHARPNESS);
     Case { shape: scene.shape, halves, truth: log(&scene.reference), sigma, auxiliary }
 }
 
