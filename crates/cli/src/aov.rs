@@ -294,6 +294,8 @@ fn signed(planes: Planes, encoded: bool) -> Planes {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use photofit_image::write_exr_planes;
+    use photofit_mutants::{Shape, Target};
 
     fn layers(list: &[(&str, &str)]) -> Layers {
         let layer = |(name, channels): &(&str, &str)| {
@@ -403,13 +405,6 @@ mod tests {
         let plain = Image::from_data(2, 1, 3, vec![0.0, 0.0, 1.0, 0.6, 0.8, 0.0]);
         assert_eq!(signed(planes(&plain), false).to_rgb(), plain);
     }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use photofit_image::write_exr_planes;
-    use photofit_mutants::{Shape, Target};
 
     /// Files of several layers, as `denoise` reads them.
     #[test]

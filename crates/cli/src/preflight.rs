@@ -74,6 +74,18 @@ impl Places {
                 return Err(clash(output, &format!("{option}, {path}, which is written too")));
             }
         }
+        // An earlier file in a folder of the command is kept beside it, with an ending of its own.
+        let kept = |inside: &Place, o: &Place| {
+            let (of, path) = (inside.identity.path.as_os_str(), o.identity.path.as_os_str());
+            let more = path.as_encoded_bytes().strip_prefix(of.as_encoded_bytes());
+            o.option != inside.option && more.is_some_and(|more| more.starts_with(b".bak"))
+        };
+        for inside in self.outputs.iter().filter(|o| o.inside) {
+            if let Some(output) = self.outputs.iter().find(|o| kept(inside, o)) {
+                let (option, path) = (inside.option, inside.path.display());
+                return Err(clash(output, &format!("an earlier {path} that {option} may keep")));
+            }
+        }
         for folder in &self.folders {
             if let Some(input) =
                 self.inputs.iter().find(|i| i.identity.is(&folder.identity) && i.path.is_file())
@@ -315,6 +327,25 @@ mod tests {
     }
 
     #[cfg(unix)]
+    #[test]
+    fn what_a_folder_keeps_of_earlier_files_is_no_output() {
+        let dir = tempfile::tempdir().unwrap();
+        let d = dir.path();
+        let places = |json: &str| {
+            let folder = d.join("ck");
+            Places::default()
+                .fills("--checkpoint", Some(&folder), &["fit.ckpt"])
+                .writes("--json", Some(&d.join(json)))
+        };
+        std::fs::create_dir(d.join("ck")).unwrap();
+        for kept in ["ck/fit.ckpt.bak", "ck/fit.ckpt.bak2"] {
+            let rule = rule(&places(kept));
+            assert!(rule.contains("--json") && rule.contains("--checkpoint may keep"), "{rule}");
+        }
+        places("ck/fit.json").check().unwrap();
+        places("fit.ckpt.bak").check().unwrap();
+    }
+
     #[test]
     fn links_are_checked_where_they_lead() {
         use std::os::unix::fs::symlink;

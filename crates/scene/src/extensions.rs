@@ -61,8 +61,8 @@ impl Extensions {
         self.transmission.as_ref().is_some_and(|t| t.factor > 0.0)
     }
 
-    /// Those of [`Self::names`] that change what is seen: their factors leave something of them.
-    pub fn acting(&self) -> Vec<&'static str> {
+    /// Those of [`Self::names`] that change what is seen of any core: their factors leave something of them.
+    pub(crate) fn acting(&self) -> Vec<&'static str> {
         let acts = |name: &&str| match *name {
             "specular" => self.specular.as_ref().is_some_and(|s| *s != Specular::default()),
             "transmission" | "volume" => self.transmits(),

@@ -88,6 +88,16 @@ impl Default for Material {
 }
 
 impl Material {
+    /// The extensions that change how it looks, by name without prefix: none of an unlit material, those alone whose factors leave something
+    /// of them, and none of dielectrics where all of it is metal.
+    pub fn acting_extensions(&self) -> Vec<&'static str> {
+        let extensions = self.extensions.as_ref().filter(|_| !self.unlit);
+        let mut out = extensions.map_or_else(Vec::new, |e| e.acting());
+        let is_metal = self.metallic >= 1.0 && self.metallic_roughness_texture.is_none();
+        out.retain(|name| !(is_metal && ["specular", "ior"].contains(name)));
+        out
+    }
+
     /// The grey dielectric given to assets without a material: base colour 0.5, roughness 0.5.
     pub fn clay() -> Self {
         Self {

@@ -30,7 +30,7 @@ use photofit_image::{
     to_display,
 };
 use photofit_scalar::Vec3f;
-use photofit_scene::{FlatScene, Instance, Material, Primitive, Scene, SurfaceLibrary};
+use photofit_scene::{FlatScene, Instance, Primitive, Scene, SurfaceLibrary};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Grey behind the asset, sRGB.
@@ -280,13 +280,13 @@ fn part(mesh: &Mesh, mut triangles: Vec<[u32; 3]>) -> Mesh {
 
 /// What of a scene's visible materials the rasterizer does not draw, by name of the extension.
 pub fn beyond_rasterizer(scene: &Scene) -> BTreeSet<&'static str> {
-    visible_materials(scene).into_iter().flat_map(|m| acting(&scene.materials[m])).collect()
+    visible_materials(scene).into_iter().flat_map(|m| scene.materials[m].acting_extensions()).collect()
 }
 
 /// The same with the number of materials that have each, and the number of all visible ones.
 pub fn count_beyond_rasterizer(scene: &Scene) -> (BTreeMap<&'static str, usize>, usize) {
     let (visible, mut counts) = (visible_materials(scene), BTreeMap::new());
-    for name in visible.iter().flat_map(|m| acting(&scene.materials[*m])) {
+    for name in visible.iter().flat_map(|m| scene.materials[*m].acting_extensions()) {
         *counts.entry(name).or_insert(0) += 1;
     }
     (counts, visible.len())
@@ -295,12 +295,6 @@ pub fn count_beyond_rasterizer(scene: &Scene) -> (BTreeMap<&'static str, usize>,
 /// The materials that something shows.
 pub(crate) fn visible_materials(scene: &Scene) -> BTreeSet<usize> {
     scene.instances.iter().map(|i| scene.primitives[i.primitive].material).collect()
-}
-
-/// The extensions of a material that change how it looks.
-fn acting(material: &Material) -> Vec<&'static str> {
-    let extensions = material.extensions.as_ref().filter(|_| !material.unlit);
-    extensions.map_or_else(Vec::new, |e| e.acting())
 }
 
 /// How to judge.

@@ -1,7 +1,7 @@
 //! The verdict of a report: does the light asset look like the asset?
 
 use super::{counted, grouped};
-use crate::engine::judge::CLEAR_GAIN;
+use crate::engine::judge::{CLEAR_GAIN, Judged};
 use crate::simplify::{Appearance, FITTED, ORIGINAL, Outcome, Quality, StageQuality, Written};
 use crate::traced_maps::MapsCourse;
 use std::fmt;
@@ -43,7 +43,8 @@ pub struct Verdict {
     /// Whether the asset that was given has textures.
     pub textured: bool,
     /// The asset itself drawn the same way, where that is not the picture of the reference: as an engine draws it, or path traced with
-    /// other samples. [`Self::likeness`] is then by what FLIP of the written file exceeds that of the asset.
+    /// other samples. [`Self::likeness`] is then by what FLIP of the written file has beyond that of the asset: the difference, and where it is
+    /// noise the root of the difference of the squares.
     pub original: Option<Quality>,
 }
 
@@ -84,6 +85,19 @@ impl fmt::Display for Likeness {
     }
 }
 
+/// What of FLIP of a file is beyond that of the asset drawn in the same way.
+type Beyond = fn(f64, f64) -> f64;
+
+/// Where an engine draws both.
+fn beyond(file: f64, asset: f64) -> f64 {
+    (file - asset).max(0.0)
+}
+
+/// Where FLIP of the asset is noise: errors that do not depend on each other add up in squares, so that noise hides more than its share.
+fn beyond_noise(file: f64, asset: f64) -> f64 {
+    (file * file - asset * asset).max(0.0).sqrt()
+}
+
 impl Verdict {
     /// Judges the written file of an outcome.
     pub fn of(o: &Outcome) -> Self {
@@ -96,12 +110,14 @@ impl Verdict {
         let (compared, cut, max_bytes) = (o.was_chosen(), o.choice_cut, o.max_bytes);
         let traced = o.traced_maps.as_ref().is_some_and(MapsCourse::gained);
         let (too_large, textured) = (o.is_too_large(), o.asset_textured);
-        let judged = Self { too_large, traced, textured, ..Self::new(&of(k), original.as_deref()) };
+        let beyond = if o.judged == Judged::PathTraced { beyond_noise } else { beyond };
+        let judged = Self::new(&of(k), original.as_deref().map(|original| (original, beyond)));
+        let judged = Self { too_large, traced, textured, ..judged };
         Self { better, written, appearance, fitted, compared, cut, max_bytes, ..judged }
     }
 
-    /// Of views, and of the asset itself in the same ones.
-    fn new(views: &[Quality], original: Option<&[Quality]>) -> Self {
+    /// Of views, and of the asset itself in the same ones, with what of FLIP is beyond that of the asset.
+    fn new(views: &[Quality], original: Option<(&[Quality], Beyond)>) -> Self {
         let mean = Quality::mean(views.iter());
         let worst = views.iter().copied().enumerate().max_by(|a, b| a.1.flip.total_cmp(&b.1.flip));
         let (written, appearance, better) = (Written::Fitted, Appearance::Maps, None);
@@ -109,14 +125,14 @@ impl Verdict {
         let likeness = match original {
             _ if views.is_empty() => Likeness::Unknown,
             None => Likeness::of(mean.flip, worst.map_or(0.0, |w| w.1.flip)),
-            Some(original) => {
-                let beyond = |(a, b): (&Quality, &Quality)| (a.flip - b.flip).max(0.0);
-                let beyond: Vec<f64> = views.iter().zip(original).map(beyond).collect();
+            Some((original, beyond)) => {
+                let of_views = views.iter().zip(original).map(|(a, b)| beyond(a.flip, b.flip));
+                let beyond: Vec<f64> = of_views.collect();
                 let sum: f64 = beyond.iter().sum();
                 Likeness::of(sum / beyond.len() as f64, beyond.into_iter().fold(0.0, f64::max))
             }
         };
-        let original = original.map(|o| Quality::mean(o.iter()));
+        let original = original.map(|(o, _)| Quality::mean(o.iter()));
         let views = views.len();
         Self {
             likeness,
@@ -413,8 +429,12 @@ mod tests {
         assert_eq!(of(&[]).likeness, Likeness::Unknown);
         let beside = |flips: &[f64], original: &[f64]| {
             let views = |flips: &[f64]| flips.iter().map(|f| view(*f)).collect::<Vec<_>>();
-            Verdict::new(&views(flips), Some(&views(original)))
+            Verdict::new(&views(flips), Some((&views(original), beyond)))
         };
+        let noisy = Verdict::new(&[view(0.056)], Some((&[view(0.036)], beyond_noise)));
+        assert_eq!(noisy.likeness, Likeness::Close, "root of .056^2 - .036^2 is .043");
+        let noisy = Verdict::new(&[view(0.05)], Some((&[view(0.045)], beyond_noise)));
+        assert_eq!(noisy.likeness, Likeness::Same);
         assert_eq!(beside(&[0.14, 0.12], &[0.13, 0.12]).likeness, Likeness::Same, "as the asset is drawn");
         assert_eq!(beside(&[0.14, 0.30], &[0.13, 0.12]).likeness, Likeness::Different);
         assert!(beside(&[0.14], &[0.13]).to_string().ends_with("drawn so: 27.0 dB, FLIP 0.130"));

@@ -11,8 +11,8 @@ pub(super) fn of_fit(o: &SimplifyOptions, (backs, rival): (f32, bool), start: &C
     let mut digest = checkpoint::Digest::new();
     digest.add(start.triangles.as_flattened());
     digest.add(&start.uvs);
-    let all =
-        of_options(o).option("single-sided backs", backs).option("ends far behind own materials", rival);
+    let all = of_options(o).option("single-sided backs", backs);
+    let all = all.digest("whether the asset's own materials may end the fit", rival);
     all.digest("shape that the fit starts from", digest)
 }
 

@@ -30,6 +30,19 @@ pub(super) struct Wedges {
     /// Bounds of the texture coordinates of each wedge: where all of a group lie in one tile of the texture, they stay there.
     bounds: Vec<[f64; 2]>,
     scale: Vec<f64>,
+    /// How far each attribute of the input may be off in wedges that count as one.
+    alike: Vec<f32>,
+}
+
+/// How far components of normals, texture coordinates and colours may be off in wedges that count as one: by what exporters lose when
+/// they round, which is not seen; a third of a degree, a tenth of a texel of 8192, half of a step of eight bits.
+const ALIKE_NORMALS: f32 = 0.006;
+const ALIKE_COORDINATES: f32 = 1e-5;
+const ALIKE_COLORS: f32 = 0.5 / 255.0;
+
+/// Whether all attributes of two wedges lie within bounds of each other.
+fn are_alike(a: impl Iterator<Item = f32>, b: impl Iterator<Item = f32>, bounds: &[f32]) -> bool {
+    a.zip(b).zip(bounds).all(|((a, b), most)| (a - b).abs() <= *most)
 }
 
 /// Wedges at the two ends of an edge that become one.
@@ -100,25 +113,21 @@ fn bounds(
 }
 
 impl Wedges {
-    /// Wedges of a cleaned mesh: input vertices with equal position and attributes share one.
+    /// Wedges of a cleaned mesh: input vertices of one position whose attributes are alike share one, which has those of the first.
     pub(super) fn new(mesh: &Mesh, soup: &Soup, group: &[u32], normal_weight: f64, uv_weight: f64) -> Self {
-        let mut scale = Vec::new();
-        let floor = |w: f64| w.max(1e-6);
-        if !mesh.normals.is_empty() {
-            scale.extend([floor(normal_weight); 3]);
-        }
-        let first = scale.len();
+        let (mut scale, mut alike) = (Vec::new(), Vec::new());
+        let mut block = |there: bool, components: usize, weight: f64, bound: f32| {
+            if there {
+                scale.extend(std::iter::repeat_n(weight.max(1e-6), components));
+                alike.extend(std::iter::repeat_n(bound, components));
+            }
+            scale.len()
+        };
+        let first = block(!mesh.normals.is_empty(), 3, normal_weight, ALIKE_NORMALS);
         let uv = (!mesh.uvs.is_empty()).then_some(first);
-        if !mesh.uvs.is_empty() {
-            scale.extend([floor(uv_weight); 2]);
-        }
-        if !mesh.uvs1.is_empty() {
-            scale.extend([floor(uv_weight); 2]);
-        }
-        let coordinates = first..scale.len();
-        if !mesh.colors.is_empty() {
-            scale.extend([floor(normal_weight); 4]);
-        }
+        block(!mesh.uvs.is_empty(), 2, uv_weight, ALIKE_COORDINATES);
+        let coordinates = first..block(!mesh.uvs1.is_empty(), 2, uv_weight, ALIKE_COORDINATES);
+        block(!mesh.colors.is_empty(), 4, normal_weight, ALIKE_COLORS);
         let row = |i: u32| {
             let i = i as usize;
             let n = mesh.normals.get(i).into_iter().flat_map(|v| v.to_array());
@@ -140,15 +149,20 @@ impl Wedges {
         let mut values = Vec::new();
         let mut count = 0_u32;
         let mut named: Vec<((u32, u32), u32)> = Vec::with_capacity(order.len());
-        for (k, &(v, i)) in order.iter().enumerate() {
-            let fresh = k == 0
-                || order[k - 1].0 != v
-                || !row(order[k - 1].1).map(f32::to_bits).eq(row(i).map(f32::to_bits));
-            if fresh {
-                values.extend(row(i).zip(&scale).map(|(x, s)| f64::from(x) * s));
-                count += 1;
+        // Those of the vertex, each with the input vertex that it is of.
+        let mut own: Vec<(u32, u32)> = Vec::new();
+        for same in order.chunk_by(|a, b| a.0 == b.0) {
+            own.clear();
+            for &(v, i) in same {
+                let known = own.iter().find(|(_, first)| are_alike(row(*first), row(i), &alike));
+                let wedge = known.map_or(count, |(wedge, _)| *wedge);
+                if known.is_none() {
+                    values.extend(row(i).zip(&scale).map(|(x, s)| f64::from(x) * s));
+                    own.push((count, i));
+                    count += 1;
+                }
+                named.push(((v, i), wedge));
             }
-            named.push(((v, i), count - 1));
         }
         named.sort_unstable();
         let find = |v: u32, i: u32| named.binary_search_by_key(&(v, i), |e| e.0).map_or(0, |k| named[k].1);
@@ -164,7 +178,7 @@ impl Wedges {
         let width = scale.len();
         let bounds = bounds(&values, &scale, coordinates.clone(), &corners, group);
         let forms = vec![0.0; count as usize * (1 + 4 * width)];
-        Self { width, corners, values, forms, uv, coordinates, bounds, scale }
+        Self { width, corners, values, forms, uv, coordinates, bounds, scale, alike }
     }
 
     /// What the input surface has.
@@ -327,6 +341,11 @@ impl Wedges {
             self.values[p.class as usize * self.width..][..self.width]
                 .copy_from_slice(&solved[k * self.width..][..self.width]);
         }
+    }
+
+    /// Whether two wedges of a vertex count as one.
+    pub(super) fn are_alike(&self, a: u32, b: u32) -> bool {
+        are_alike(self.unscaled(a), self.unscaled(b), &self.alike)
     }
 
     /// Attributes of a wedge in the input's scale.

@@ -34,7 +34,7 @@ pub(crate) struct Folder {
     path: Option<PathBuf>,
     /// Bytes read from it so far.
     bytes: AtomicU64,
-    /// The files that were read from it.
+    /// The files that were read from it or that the asset names.
     files: Mutex<Vec<PathBuf>>,
 }
 
@@ -52,7 +52,7 @@ impl Folder {
         self.bytes.load(Ordering::Relaxed)
     }
 
-    /// The files that were read from it, each once, in the order of their names.
+    /// The files that were read from it or that the asset names, each once, in the order of their names.
     pub(crate) fn into_files(self) -> Vec<PathBuf> {
         let mut files = self.files.into_inner().unwrap_or_else(PoisonError::into_inner);
         files.sort();
@@ -80,6 +80,19 @@ impl Folder {
         self.bytes.fetch_add(bytes.len() as u64, Ordering::Relaxed);
         self.files.lock().unwrap_or_else(PoisonError::into_inner).push(path);
         Ok(bytes)
+    }
+
+    /// Takes note of a file that the asset names, read or not; whether it is there.
+    pub(crate) fn notes(&self, name: &str) -> bool {
+        let found = self.resolve(name, "").ok().filter(|path| path.is_file());
+        let there = found.is_some();
+        self.files.lock().unwrap_or_else(PoisonError::into_inner).extend(found);
+        there
+    }
+
+    /// The same of a glTF URI.
+    pub(crate) fn notes_uri(&self, uri: &str) -> bool {
+        !uri.starts_with("data:") && percent_decode(uri).is_some_and(|name| self.notes(&name))
     }
 
     fn resolve(&self, name: &str, place: &str) -> Result<PathBuf, Fault> {

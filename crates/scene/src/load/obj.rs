@@ -102,7 +102,9 @@ pub(crate) fn parse(text: &[u8], folder: &Folder, limits: &Limits, missing: Miss
             }
             "mtllib" => {
                 libraries.push(rest.to_owned());
-                library.load(rest, folder, limits, &line(), &mut scene, &mut names, &mut textures)?;
+                for file in mtl::named(rest, folder) {
+                    library.load(file, folder, limits, &line(), &mut scene, &mut names, &mut textures)?;
+                }
             }
             "" | "#" | "o" | "g" | "s" => {}
             other => ignored.add(other),
@@ -168,6 +170,8 @@ fn decoded(line: &[u8]) -> Cow<'_, str> {
 
 /// Lines with their number from 1, continuation lines joined.
 pub(super) fn lines(text: &[u8]) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
+    // Editors on Windows begin files with a byte order mark.
+    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
     let mut raw = text.split(|&b| b == b'\n').enumerate();
     std::iter::from_fn(move || {
         let (i, first) = raw.next()?;

@@ -157,9 +157,19 @@ impl Document {
         Ok(found)
     }
 
-    /// The files that [`Self::resolve`] found.
-    pub(super) fn resources(&self) -> Vec<PathBuf> {
-        self.resources.borrow().clone()
+    /// The files that [`Self::resolve`] found, and those that elements name which nothing uses.
+    pub(super) fn named_files(&self) -> Vec<PathBuf> {
+        for e in &self.elements {
+            let value = e.attribute("value").filter(|_| e.name == "filename");
+            for name in e.attribute("filename").into_iter().chain(value) {
+                // What is not there is nothing that could be lost.
+                let _ = self.resolve(name, "");
+            }
+        }
+        let mut all = self.resources.borrow().clone();
+        all.sort();
+        all.dedup();
+        all
     }
 
     /// The path, if scenes may read there.

@@ -245,7 +245,7 @@ impl Importer {
         self.scene.sensor = self.sensor(sensor)?;
         self.scene.sensors = sensors.len();
         self.scene.files = self.reader.document.files().to_vec();
-        self.scene.resources = self.reader.document.resources();
+        self.scene.resources = self.reader.document.named_files();
         Ok(())
     }
 }

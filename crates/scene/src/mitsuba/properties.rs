@@ -270,7 +270,7 @@ impl Reader {
     /// The value of an `rgb` element; hexadecimal digits are linear light in bytes, as in versions before 1 of the format.
     pub(super) fn rgb(&self, element: usize) -> Result<Vec3f, Fault> {
         if let Some(hex) = self.attribute(element, "value")?.trim().strip_prefix('#') {
-            let bytes = u32::from_str_radix(hex, 16).ok().filter(|_| hex.len() == 6);
+            let bytes = u32::from_str_radix(hex, 16).ok().filter(|_| hex.len() == 6 && !hex.starts_with('+'));
             let [_, r, g, b] = bytes.map(u32::to_be_bytes).ok_or_else(|| {
                 let rule = format!("the colour is `#{}`; it must have six hexadecimal digits", clip(hex));
                 fault(self.place(element), rule)

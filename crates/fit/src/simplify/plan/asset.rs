@@ -69,13 +69,13 @@ impl Asset {
         let materials: Vec<&Material> =
             visible_materials(scene).into_iter().map(|m| &scene.materials[m]).collect();
         let count = |f: &dyn Fn(&Material) -> bool| materials.iter().filter(|m| f(m)).count();
-        let with = |m: &Material, name: &str| !m.unlit && names(m).contains(&name);
+        let with = |m: &Material, name: &str| !m.unlit && m.acting_extensions().contains(&name);
         let meshes = || scene.instances.iter().map(|i| &scene.primitives[i.primitive].mesh);
         // What lets light pass is drawn blended.
         let drawn = |m: &Material, name: &str| name == "transmission" && transmits(m);
         let lit = materials.iter().filter(|m| !m.unlit);
         let extensions: BTreeSet<&str> =
-            lit.flat_map(|m| names(m).into_iter().filter(|n| !drawn(m, n))).collect();
+            lit.flat_map(|m| m.acting_extensions().into_iter().filter(|n| !drawn(m, n))).collect();
         Self {
             materials: materials.len(),
             masked: count(&|m| matches!(m.alpha_mode, AlphaMode::Mask { .. })),
@@ -303,11 +303,6 @@ impl Asset {
 /// Whether a material of something visible has a texture.
 pub(in crate::simplify) fn is_textured(scene: &Scene) -> bool {
     visible_materials(scene).into_iter().any(|m| scene.materials[m].texture_slots().next().is_some())
-}
-
-/// Extensions of a material, without their prefix.
-fn names(m: &Material) -> Vec<&'static str> {
-    m.extensions.as_ref().map_or_else(Vec::new, |e| e.acting())
 }
 
 /// The textures of a material: the fit reads those of its core and of occlusion, and the mean values of those of extensions.

@@ -98,3 +98,47 @@ fn groups_keep_their_colors_apart() {
         }
     }
 }
+
+/// What exporters lose by rounding makes no seam: a smooth mesh whose triangles have corners of their own, off by little, collapses like
+/// one that shares them.
+#[test]
+fn rounding_makes_no_seams() {
+    let mut smooth = sphere(24);
+    smooth.normals = smooth.positions.clone();
+    smooth.uvs = smooth.positions.iter().map(|p| vec2(0.5 + 0.4 * p.x, 0.5 + 0.4 * p.y)).collect();
+    let corners: Vec<usize> = smooth.triangles.as_flattened().iter().map(|v| *v as usize).collect();
+    // Another offset in each corner.
+    let off = |k: usize, j: usize| ((k * 7 + j * 3) % 11) as f32 / 11.0 - 0.5;
+    let split = Mesh {
+        positions: corners.iter().map(|v| smooth.positions[*v]).collect(),
+        normals: corners
+            .iter()
+            .enumerate()
+            .map(|(k, v)| {
+                (smooth.normals[*v] + vec3(off(k, 0), off(k, 1), off(k, 2)) * 1e-3).normalize_or_zero()
+            })
+            .collect(),
+        uvs: corners
+            .iter()
+            .enumerate()
+            .map(|(k, v)| vec2(smooth.uvs[*v].x + off(k, 3) * 1e-6, smooth.uvs[*v].y + off(k, 4) * 1e-6))
+            .collect(),
+        triangles: (0..smooth.triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(),
+        ..Mesh::default()
+    };
+    let [shared, own] = [&smooth, &split].map(|mesh| to(mesh, 300, |o| o.keep_uvs = true));
+    assert_eq!(shared.mesh.positions.len(), own.mesh.positions.len(), "one vertex at each position");
+    assert!(
+        own.relative_error < 1.1 * shared.relative_error,
+        "{} {}",
+        own.relative_error,
+        shared.relative_error
+    );
+    // A degree between faces is an edge that somebody made.
+    let mut faceted = split.clone();
+    for (k, n) in faceted.normals.iter_mut().enumerate() {
+        *n = (*n + vec3(off(k / 3, 0), off(k / 3, 1), off(k / 3, 2)) * 0.1).normalize_or_zero();
+    }
+    let kept = to(&faceted, 4608, |o| o.keep_uvs = true).mesh;
+    assert!(kept.positions.len() > 3 * shared.mesh.positions.len(), "{}", kept.positions.len());
+}

@@ -53,6 +53,11 @@ fn parse_document(
 ) -> Result<Scene, Fault> {
     let mut scene = Scene::default();
     let document = Document::new(json, binary, folder, limits, &mut scene)?;
+    // Of those that nothing uses, too, no output may take the place.
+    let images = document.root.images.iter().filter_map(|i| i.uri.as_deref());
+    images.chain(document.root.buffers.iter().filter_map(|b| b.uri.as_deref())).for_each(|uri| {
+        folder.notes_uri(uri);
+    });
     scene.about = document.about()?;
     let mut hierarchy = nodes::read(&document, &mut scene.warnings)?;
     hierarchy.skins = (0..document.root.skins.len())

@@ -12,6 +12,13 @@ use crate::{Material, Sampler, Scene, TextureSlot, Wrap};
 use statements::Statements;
 use std::collections::{HashMap, HashSet};
 
+/// The libraries of an `mtllib` line: one whose name may have spaces, or, where there is none of that name, several.
+pub(super) fn named<'a>(rest: &'a str, folder: &Folder) -> Vec<&'a str> {
+    let several: Vec<&str> = rest.split_ascii_whitespace().collect();
+    let is_list = several.len() > 1 && !folder.notes(rest) && several.iter().any(|name| folder.notes(name));
+    if is_list { several } else { vec![rest] }
+}
+
 /// Materials of libraries, complete once their textures are decoded.
 #[derive(Debug, Default)]
 pub(super) struct Library {
@@ -102,6 +109,10 @@ impl Library {
                 }
                 other => other?,
             };
+            if !known {
+                // Maps that have no meaning here are files of the asset all the same.
+                folder.notes(rest.rsplit(' ').next().unwrap_or(rest));
+            }
             if let Some(rule) = told {
                 notes.add(Kind::Range, keyword, format!("{place}: {rule}"));
             }
@@ -110,6 +121,12 @@ impl Library {
             }
         }
         scene.warnings.extend(notes.lines());
+        if !begun {
+            let is = format!("{place}: the library `{}` defines no material", clip(file));
+            scene
+                .warnings
+                .push(format!("{is}; each must begin with `newmtl` and its name, in ASCII or UTF-8"));
+        }
         if !ignored.is_empty() {
             scene.warnings.push(format!("{}: ignored statements: {}", clip(file), ignored.join(", ")));
         }

@@ -395,3 +395,45 @@ fn normals_that_are_no_numbers_are_computed() {
     assert_eq!(scene.primitives[0].mesh.normals, [vec3(0.0, 0.0, 1.0); 3]);
     assert_eq!(scene.warnings, ["normals without a direction: 1, which are computed"]);
 }
+
+#[test]
+fn several_libraries_may_stand_on_a_line_and_names_may_have_spaces() {
+    let use_both = format!("{QUAD}usemtl red\nf 1 2 3\nusemtl green\nf 1 3 4\n");
+    let (red, green): (&[u8], &[u8]) = (b"newmtl red\nKd 1 0 0\n", b"\xef\xbb\xbfnewmtl green\nKd 0 1 0\n");
+    let colors = |line: &str, files: &[(&str, &[u8])]| {
+        let text = format!("{line}\n{use_both}");
+        let scene = load_files(&[&[("a.obj", text.as_bytes())], files].concat()).unwrap();
+        assert!(scene.warnings.is_empty(), "{line}: {:?}", scene.warnings);
+        scene.primitives.iter().map(|p| scene.materials[p.material].base_color).collect::<Vec<_>>()
+    };
+    let wanted = [[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 1.0]];
+    assert_eq!(colors("mtllib r.mtl  g.mtl", &[("r.mtl", red), ("g.mtl", green)]), wanted);
+    let both = [red, b"newmtl green\nKd 0 1 0\n"].concat();
+    assert_eq!(colors("mtllib my colours.mtl", &[("my colours.mtl", &both)]), wanted);
+    // The name before the list.
+    let other: &[u8] = b"newmtl red\nKd 0 0 1\nnewmtl green\nKd 0 0 1\n";
+    assert_eq!(colors("mtllib my c.mtl", &[("my c.mtl", &both), ("c.mtl", other)]), wanted);
+    // In two bytes each nothing can be read, which is told.
+    let wide: Vec<u8> = "\u{feff}newmtl red\n".encode_utf16().flat_map(u16::to_le_bytes).collect();
+    let text = format!("mtllib r.mtl\n{use_both}");
+    let scene = load_files(&[("a.obj", text.as_bytes()), ("r.mtl", &wide)]).unwrap();
+    assert!(
+        scene.warnings.iter().any(|w| w.contains("r.mtl") && w.contains("no material")),
+        "{:?}",
+        scene.warnings
+    );
+}
+
+/// Files that nothing uses are files of the asset, too: no output may take their place.
+#[test]
+fn files_that_are_only_named_are_known() {
+    let files: [(&str, &[u8]); 4] = [
+        ("a.obj", b"mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n"),
+        ("a.mtl", b"newmtl m\ndisp d.png\nrefl -type sphere r.png\ndecal gone.png\n"),
+        ("d.png", b"-"),
+        ("r.png", b"-"),
+    ];
+    let scene = load_files(&files).unwrap();
+    let names: Vec<_> = scene.files.iter().map(|f| f.file_name().unwrap().to_str().unwrap()).collect();
+    assert_eq!(names, ["a.mtl", "d.png", "r.png"]);
+}
