@@ -1,6 +1,7 @@
 //! Heat in a rod with closed ends: each wave of the cosine transform fades by itself, by the eigenvalue of the Laplacian.
 //!
 //! `cargo run --release -p photofit-fft --example heat`
+#![expect(clippy::print_stdout, reason = "an example reports on its stream")]
 
 use photofit_fft::{Cosine, laplacian_eigenvalue};
 

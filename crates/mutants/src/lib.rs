@@ -98,6 +98,7 @@ impl Target<'_> {
     }
 
     /// Ends the process unless what it returns is dropped within a time.
+    #[expect(clippy::print_stderr, reason = "nothing else hears of it: the process ends")]
     fn watched(&self, bytes: &[u8], number: u64, at_most: Duration) -> mpsc::Sender<()> {
         let (watched, ended) = mpsc::channel::<()>();
         let (name, bytes) = (self.name.to_owned(), bytes.to_vec());
