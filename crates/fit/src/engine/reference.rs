@@ -313,7 +313,7 @@ impl<'a> PathTraced<'a> {
         Self { spp, ..self }
     }
 
-    /// The same as two pictures of half of the samples and their mean ([`ReferencePicture::halves`]), of [`FEWEST_IN_HALVES`] samples at
+    /// The same as two pictures of half of the samples and their mean ([`ReferencePicture::halves`]), of two samples at
     /// least. Their noise is that of no picture of another number, so that none is near another by its noise.
     #[must_use]
     pub fn in_halves(self, number: u64) -> Self {
