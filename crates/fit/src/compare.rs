@@ -113,7 +113,6 @@ mod tests {
         assert!(path.method == Judged::PathTraced && path.views[0].rmse > 0.01);
         let same = compare_assets(&coated, &coated, 1, 48, JudgeRenderer::Auto, &Silent).unwrap();
         // Noise of other samples is no error, as far as it can be told.
-        println!("{} {:?}", same.views[0].rmse, same.views[0].quality);
         assert!(same.views[0].rmse < 0.002, "{}", same.views[0].rmse);
     }
 

@@ -94,7 +94,7 @@ impl Material {
         let extensions = self.extensions.as_ref().filter(|_| !self.unlit);
         let mut out = extensions.map_or_else(Vec::new, |e| e.acting());
         let is_metal = self.metallic >= 1.0 && self.metallic_roughness_texture.is_none();
-        out.retain(|name| !(is_metal && ["specular", "ior"].contains(name)));
+        out.retain(|name| !(is_metal && ["specular", "ior", "transmission", "volume"].contains(name)));
         out
     }
 

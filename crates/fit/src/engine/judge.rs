@@ -552,6 +552,7 @@ fn quality(
         psnr: psnr_from_mse(mse).min(BEST_PSNR),
         ssim: ssim(&r, &c).mean_over(&mask).unwrap_or(1.0).min(1.0),
         flip: over(flip_map.mean_over(&mask)),
+        // Without a sign: an estimate may be below zero.
         outline: if everywhere > 0.0 { (at_outline / everywhere).clamp(0.0, 1.0).abs() } else { 0.0 },
         luminance: luminance_ratio(reference, candidate),
     };

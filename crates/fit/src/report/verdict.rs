@@ -93,7 +93,8 @@ fn beyond(file: f64, asset: f64) -> f64 {
     (file - asset).max(0.0)
 }
 
-/// Where FLIP of the asset is noise: errors that do not depend on each other add up in squares, so that noise hides more than its share.
+/// Where FLIP of the asset is noise: errors that do not depend on each other add up in squares, so that noise hides more than its share. Where
+/// errors are local this overstates them.
 fn beyond_noise(file: f64, asset: f64) -> f64 {
     (file * file - asset * asset).max(0.0).sqrt()
 }

@@ -14,7 +14,7 @@ mod tests;
 mod triangles;
 
 pub(super) use maps::{compared, counted, planned};
-pub(super) use triangles::{bytes_without_textures, others, triangles_within};
+pub(super) use triangles::{bytes_without_textures, fits, others, triangles_within};
 
 use super::{Asset, SimplifyOptions};
 use crate::engine::judge::{self, Stage};

@@ -434,8 +434,13 @@ impl SimplifyOptions {
         scene.validate_for_fit()?;
         let mut options = self.clone();
         if let Some(most) = self.max_bytes.filter(|_| self.triangles_by_bytes) {
-            let triangles = byte_budget::triangles_within(scene, most, self.compression)?;
-            options.target = Target::Triangles(triangles);
+            // Instances of one mesh are one mesh of all of them in a decimation, but not in the asset as it is.
+            let all = self.keeps_all(scene) && byte_budget::fits(scene, most, self.compression)?;
+            options.target = Target::Triangles(if all {
+                scene.triangle_count()
+            } else {
+                byte_budget::triangles_within(scene, most, self.compression)?
+            });
         }
         let (target, told) = options.sane_target(scene.triangle_count());
         options.target = target;

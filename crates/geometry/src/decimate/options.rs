@@ -22,8 +22,8 @@ pub enum Target {
 pub struct Options {
     /// When to stop.
     pub target: Target,
-    /// Carries normals, uvs and colours through and keeps their seams as long as possible; what differs by rounding alone (normals by .35
-    /// degrees, uvs by 1e-5, colours by half a step of 8 bits) is no seam. Without it the topology is
+    /// Carries normals, uvs and colours through and keeps their seams as long as possible; what differs by rounding alone (components of
+    /// normals by .006, uvs by 1e-5, colours by 1e-4) is no seam, and is given one of its values. Without it the topology is
     /// that of the welded positions alone and the output has positions only (the atlas is made anew).
     pub keep_uvs: bool,
     /// Weight of a unit of normal difference against a distance of one bounding diagonal (`keep_uvs` only).

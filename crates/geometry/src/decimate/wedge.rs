@@ -35,10 +35,10 @@ pub(super) struct Wedges {
 }
 
 /// How far components of normals, texture coordinates and colours may be off in wedges that count as one: by what exporters lose when
-/// they round, which is not seen; a third of a degree, a tenth of a texel of 8192, half of a step of eight bits.
+/// they round, which is not seen: .6 degrees at most, a tenth of a texel of 8192, and less than a step of eight bits of dark sRGB.
 const ALIKE_NORMALS: f32 = 0.006;
 const ALIKE_COORDINATES: f32 = 1e-5;
-const ALIKE_COLORS: f32 = 0.5 / 255.0;
+const ALIKE_COLORS: f32 = 1e-4;
 
 /// Whether all attributes of two wedges lie within bounds of each other.
 fn are_alike(a: impl Iterator<Item = f32>, b: impl Iterator<Item = f32>, bounds: &[f32]) -> bool {

@@ -39,8 +39,8 @@ impl Parts {
 }
 
 fn material(index: usize, m: &photofit_scene::Material) -> Material {
-    let transmitting = m.extensions.as_deref().filter(|e| e.transmits());
-    let volume = transmitting.and_then(|e| e.volume.as_ref()).filter(|v| v.thickness > 0.0);
+    let acting = m.extensions.as_deref().filter(|_| m.acting_extensions().contains(&"volume"));
+    let volume = acting.and_then(|e| e.volume.as_ref()).filter(|v| v.thickness > 0.0);
     let absorption = volume.map_or(Vec3f::zero(), |v| Vec3f::from_array(v.absorption()));
     let (solid, single_sided) = (volume.is_some(), !m.double_sided);
     Material { absorption, solid, single_sided, ..Material::from_library(index) }

@@ -3,6 +3,7 @@
 use crate::SceneError;
 use crate::error::{Fault, FaultKind, fault, unreadable};
 use base64::Engine;
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -36,7 +37,12 @@ pub(crate) struct Folder {
     bytes: AtomicU64,
     /// The files that were read from it or that the asset names.
     files: Mutex<Vec<PathBuf>>,
+    /// Names that were asked for, and whether their files are there.
+    named: Mutex<HashMap<String, bool>>,
 }
+
+/// Names of files that are looked for without being read, at most: each costs some questions to the system.
+const MOST_NAMED: usize = 4096;
 
 impl Folder {
     pub(crate) fn of(asset: &Path) -> Self {
@@ -82,10 +88,18 @@ impl Folder {
         Ok(bytes)
     }
 
-    /// Takes note of a file that the asset names, read or not; whether it is there.
+    /// Takes note of a file that the asset names, read or not; whether it is there. Of very many names the first ones count.
     pub(crate) fn notes(&self, name: &str) -> bool {
+        let mut named = self.named.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(there) = named.get(name) {
+            return *there;
+        }
+        if named.len() >= MOST_NAMED || name.len() > MOST_NAMED {
+            return false;
+        }
         let found = self.resolve(name, "").ok().filter(|path| path.is_file());
         let there = found.is_some();
+        named.insert(name.to_owned(), there);
         self.files.lock().unwrap_or_else(PoisonError::into_inner).extend(found);
         there
     }

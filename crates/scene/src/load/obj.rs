@@ -59,6 +59,7 @@ pub(crate) fn parse(text: &[u8], folder: &Folder, limits: &Limits, missing: Miss
     let mut current: Option<usize> = None;
     let mut clay: Option<usize> = None;
     let mut libraries: Vec<String> = Vec::new();
+    let mut files: Vec<String> = Vec::new();
     let mut polygon = Vec::new();
     let mut ignored = Ignored::default();
     for (line, text) in lines(text) {
@@ -93,16 +94,19 @@ pub(crate) fn parse(text: &[u8], folder: &Folder, limits: &Limits, missing: Miss
             }
             "mtllib" if libraries.iter().any(|l| l == rest) => {}
             "mtllib" if libraries.len() >= MOST_LIBRARIES => {
-                return Err(fault(
-                    line(),
-                    format!(
-                        "is one library more than allowed; there may be at most {MOST_LIBRARIES} material libraries"
-                    ),
-                ));
+                return Err(too_many(&line()));
             }
             "mtllib" => {
                 libraries.push(rest.to_owned());
-                for file in mtl::named(rest, folder) {
+                for file in mtl::named(rest, folder, MOST_LIBRARIES) {
+                    // One of a list may stand on a line of its own, too.
+                    if files.iter().any(|known| known == file) {
+                        continue;
+                    }
+                    if files.len() >= MOST_LIBRARIES {
+                        return Err(too_many(&line()));
+                    }
+                    files.push(file.to_owned());
                     library.load(file, folder, limits, &line(), &mut scene, &mut names, &mut textures)?;
                 }
             }
@@ -166,6 +170,12 @@ fn decoded(line: &[u8]) -> Cow<'_, str> {
         Ok(text) => Cow::Borrowed(text),
         Err(_) => Cow::Owned(line.iter().map(|b| char::from(*b)).collect()),
     }
+}
+
+fn too_many(place: &str) -> Fault {
+    let rule =
+        format!("is one library more than allowed; there may be at most {MOST_LIBRARIES} material libraries");
+    fault(place, rule)
 }
 
 /// Lines with their number from 1, continuation lines joined.

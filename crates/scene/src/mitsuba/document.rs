@@ -6,7 +6,7 @@ use crate::error::{Fault, fault};
 use crate::load::{clip, read_file};
 use roxmltree::ParsingOptions;
 use std::cell::RefCell;
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
 
 /// Bytes of one XML file.
@@ -18,6 +18,8 @@ const DEPTH: usize = 64;
 /// Files that include each other, and files in all.
 const INCLUDE_DEPTH: usize = 15;
 const FILES: usize = 1024;
+/// Names of files that are looked for at the end of a scene.
+const MOST_NAMED: usize = 4096;
 /// Folders named by `path` elements.
 const FOLDERS: usize = 64;
 /// Attributes of one element: the parser compares each with the others.
@@ -159,12 +161,14 @@ impl Document {
 
     /// The files that [`Self::resolve`] found, and those that elements name which nothing uses.
     pub(super) fn named_files(&self) -> Vec<PathBuf> {
-        for e in &self.elements {
+        let of = |e: &'_ Element| {
             let value = e.attribute("value").filter(|_| e.name == "filename");
-            for name in e.attribute("filename").into_iter().chain(value) {
-                // What is not there is nothing that could be lost.
-                let _ = self.resolve(name, "");
-            }
+            e.attribute("filename").into_iter().chain(value).map(str::to_owned).collect::<Vec<_>>()
+        };
+        let names: BTreeSet<String> = self.elements.iter().flat_map(of).collect();
+        for name in names.iter().take(MOST_NAMED) {
+            // What is not there is nothing that could be lost.
+            let _ = self.resolve(name, "");
         }
         let mut all = self.resources.borrow().clone();
         all.sort();

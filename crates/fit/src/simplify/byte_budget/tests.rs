@@ -193,6 +193,7 @@ fn an_asset_that_fits_only_as_it_is_is_written_so() {
     };
     let made = simplify(&asset, &path, &o, &Silent).unwrap();
     assert_eq!((made.written, made.triangles_out), (Written::Whole, asset.triangle_count()));
+    assert_eq!(made.steps, 0, "that it fits is known before a fit");
     assert_eq!(photofit_scene::load(&path).unwrap().instances.len(), 6);
     let verdict = crate::report::Verdict::of(&made).to_string();
     assert!(verdict.contains("the asset as it was given, which has few enough bytes"), "{verdict}");

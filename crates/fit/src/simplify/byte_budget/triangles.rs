@@ -14,6 +14,18 @@ pub(super) const OTHER_PARTS: [f64; 3] = [0.25, 0.75, 0.9];
 const UNUSED: f64 = 0.02;
 const CORRECTIONS: usize = 4;
 
+/// Whether an asset as it is fits into a file of `most` bytes, in the coarsest precision that geometry may have.
+///
+/// # Errors
+/// If it cannot be written.
+pub(in crate::simplify) fn fits(
+    scene: &Scene,
+    most: u64,
+    compression: Compression,
+) -> Result<bool, FitError> {
+    Ok(to_glb_with(scene, coarsest(compression))?.len() as u64 <= most)
+}
+
 /// The triangles of an asset that a file of `most` bytes holds: all where the asset as it is fits, and otherwise as many as
 /// take [`GEOMETRY`] of it, in the coarsest precision that geometry may have. Bytes are taken to follow the number of triangles, each
 /// instance with its own.

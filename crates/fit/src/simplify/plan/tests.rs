@@ -184,7 +184,7 @@ fn what_is_in_the_file_is_not_denied() {
         sheen: Some(Sheen { color: [1.0; 3], ..Sheen::default() }),
         ..Extensions::default()
     };
-    let glass = scene(Material { extensions: Some(Box::new(extensions)), ..Material::default() });
+    let glass = scene(Material { extensions: Some(Box::new(extensions)), ..Material::clay() });
     let text = FitPlan::new(&glass).to_string();
     for part in [
         "volumes                1 of 1 materials enclose one",

@@ -12,9 +12,10 @@ use crate::{Material, Sampler, Scene, TextureSlot, Wrap};
 use statements::Statements;
 use std::collections::{HashMap, HashSet};
 
-/// The libraries of an `mtllib` line: one whose name may have spaces, or, where there is none of that name, several.
-pub(super) fn named<'a>(rest: &'a str, folder: &Folder) -> Vec<&'a str> {
-    let several: Vec<&str> = rest.split_ascii_whitespace().collect();
+/// The libraries of an `mtllib` line: one whose name may have spaces, or, where there is none of that name, several, one more than `most` at
+/// most.
+pub(super) fn named<'a>(rest: &'a str, folder: &Folder, most: usize) -> Vec<&'a str> {
+    let several: Vec<&str> = rest.split_ascii_whitespace().take(most + 1).collect();
     let is_list = several.len() > 1 && !folder.notes(rest) && several.iter().any(|name| folder.notes(name));
     if is_list { several } else { vec![rest] }
 }
@@ -111,7 +112,7 @@ impl Library {
             };
             if !known {
                 // Maps that have no meaning here are files of the asset all the same.
-                folder.notes(rest.rsplit(' ').next().unwrap_or(rest));
+                folder.notes(rest.rsplit(|c: char| c.is_ascii_whitespace()).next().unwrap_or(rest));
             }
             if let Some(rule) = told {
                 notes.add(Kind::Range, keyword, format!("{place}: {rule}"));

@@ -413,6 +413,14 @@ fn several_libraries_may_stand_on_a_line_and_names_may_have_spaces() {
     // The name before the list.
     let other: &[u8] = b"newmtl red\nKd 0 0 1\nnewmtl green\nKd 0 0 1\n";
     assert_eq!(colors("mtllib my c.mtl", &[("my c.mtl", &both), ("c.mtl", other)]), wanted);
+    // One of a list, or a list, again.
+    let text = format!("mtllib r.mtl g.mtl\nmtllib g.mtl\nmtllib r.mtl r.mtl g.mtl\n{use_both}");
+    let twice = load_files(&[("a.obj", text.as_bytes()), ("r.mtl", red), ("g.mtl", green)]).unwrap();
+    assert_eq!(twice.materials.len(), 2, "each is read once");
+    let many: String = (0..70).map(|k| format!(" {k}.mtl")).collect();
+    let text = format!("mtllib{many}\n{use_both}");
+    let error = load_files(&[("a.obj", text.as_bytes()), ("3.mtl", red)]).unwrap_err().to_string();
+    assert!(error.contains("line 1") && error.contains("at most 64"), "{error}");
     // In two bytes each nothing can be read, which is told.
     let wide: Vec<u8> = "\u{feff}newmtl red\n".encode_utf16().flat_map(u16::to_le_bytes).collect();
     let text = format!("mtllib r.mtl\n{use_both}");

@@ -85,7 +85,6 @@ fn the_number_of_triangles_is_that_whose_file_looks_best() {
         let made = simplify(&asset, &path, &o, &Silent).unwrap();
         let light = photofit_scene::load(&path).unwrap();
         let part = bytes_without_textures(&light, Compression::None).unwrap() as f64 / most as f64;
-        println!("{part}: {}", made.plan);
         assert!(expected.contains(&part), "{part} of {most}: {}", made.plan);
         assert!(made.plan.to_string().contains("the best of "), "{}", made.plan);
     }
