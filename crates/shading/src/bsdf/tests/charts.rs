@@ -211,8 +211,9 @@ impl Rings {
     }
 }
 
-/// Half vectors on the disc below them, along the axes of the surface; each axis grows geometrically,
-/// `h = scale sinh(asinh(1 / scale) a)` with `a` in `[-1, 1]`.
+/// Half vectors in cylindrical coordinates around the second axis of the surface, their angle to the normal and their height
+/// along the axis, of which solid angle is the product; each grows geometrically, `x = scale sinh(asinh(END / scale) a)` with
+/// `a` in `[-1, 1]`.
 #[derive(Debug)]
 struct Halves {
     side: f64,
@@ -223,6 +224,9 @@ struct Halves {
     scales: [f64; 2],
 }
 
+/// Largest angle and height.
+const END: [f64; 2] = [0.5 * PI, 1.0];
+
 impl Halves {
     /// As fine as the half vectors of the pilot samples on a side are dense, but not finer than `blur`.
     fn new(side: f64, pilots: &[(Vec3<f64>, f64)], wo: Vec3<f64>, lines: Lines, blur: f64) -> Option<Self> {
@@ -231,7 +235,7 @@ impl Halves {
         let mut chart = Self { side, wo, eta, turn: lines.turn, scales: [1.0; 2] };
         let halves = pilots.iter().filter(|p| p.0.z * side > 0.0).filter_map(|p| chart.half(p.0));
         let [mut x, mut y]: [Vec<f64>; 2] =
-            halves.map(|h| (h.x.abs(), h.y.abs())).unzip::<f64, f64, Vec<_>, Vec<_>>().into();
+            halves.map(|h| (h.x.atan2(h.z).abs(), h.y.abs())).unzip::<f64, f64, Vec<_>, Vec<_>>().into();
         for (scale, values) in chart.scales.iter_mut().zip([&mut x, &mut y]) {
             let quarter = values.len() / 4;
             *scale = values.select_nth_unstable_by(quarter, f64::total_cmp).1.clamp(blur.sqrt(), 0.5);
@@ -279,36 +283,34 @@ impl Halves {
     fn cell(&self, d: Vec3<f64>) -> Option<usize> {
         let h = self.half(d)?;
         let along = |x: f64, k: usize, cells: usize| {
-            let a = (x / self.scales[k]).asinh() / (1.0 / self.scales[k]).asinh();
+            let a = (x / self.scales[k]).asinh() / (END[k] / self.scales[k]).asinh();
             ((0.5 * (a + 1.0) * cells as f64) as usize).min(cells - 1)
         };
-        Some(along(h.x, 0, RINGS) * SECTORS + along(h.y, 1, SECTORS))
+        Some(along(h.x.atan2(h.z), 0, RINGS) * SECTORS + along(h.y, 1, SECTORS))
     }
 
-    /// The half vector at coordinates, with the area of the disc per unit of them.
+    /// The half vector at coordinates, with the solid angle per unit of them.
     fn place(&self, a: f64, b: f64) -> (Vec3<f64>, f64) {
         let along = |a: f64, k: usize, cells: usize| {
-            let range = (1.0 / self.scales[k]).asinh();
+            let range = (END[k] / self.scales[k]).asinh();
             let t = (2.0 * a / cells as f64 - 1.0) * range;
             (self.scales[k] * t.sinh(), self.scales[k] * t.cosh() * range * 2.0 / cells as f64)
         };
-        let ((x, dx), (y, dy)) = (along(a, 0, RINGS), along(b, 1, SECTORS));
-        (vec3(x, y, (1.0 - x * x - y * y).max(0.0).sqrt()), dx * dy)
+        let ((angle, along_angle), (y, along_y)) = (along(a, 0, RINGS), along(b, 1, SECTORS));
+        let r = (1.0 - y * y).max(0.0).sqrt();
+        (vec3(r * angle.sin(), y, r * angle.cos()), along_angle * along_y)
     }
 
     /// Whether there is a direction at coordinates.
     fn shows(&self, a: f64, b: f64) -> bool {
         let (h, _) = self.place(a, b);
-        h.z > 0.0 && self.direction(h).is_some_and(|(d, _)| d.z * self.side > 0.0)
+        self.direction(h).is_some_and(|(d, _)| d.z * self.side > 0.0)
     }
 
     fn density(&self, a: f64, b: f64, pdf: &impl Fn(Vec3<f64>) -> f64) -> f64 {
-        let (h, area) = self.place(a, b);
-        if h.z <= 0.0 {
-            return 0.0;
-        }
+        let (h, solid_angle) = self.place(a, b);
         match self.direction(h) {
-            Some((d, change)) if d.z * self.side > 0.0 => pdf(d) * change * area / h.z,
+            Some((d, change)) if d.z * self.side > 0.0 => pdf(d) * change * solid_angle,
             _ => 0.0,
         }
     }
