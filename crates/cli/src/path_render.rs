@@ -88,7 +88,12 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, view: &View, key: &
         bail!(if stopped { FitError::Interrupted.into() } else { anyhow!("{NO_SAMPLE}") });
     }
     write(a, &renderer)?;
-    if finished && state.is_file() {
+    // A state of more samples than were asked for is worth more than this picture.
+    let progress = renderer.progress();
+    let more = progress.samples > progress.total;
+    if more {
+        say(&format!("{}: has more samples than were asked for; it is kept", state.display()));
+    } else if finished && state.is_file() {
         fs::remove_file(&state).with_context(|| format!("{}: cannot be removed", state.display()))?;
     }
     if let Some(file) = &a.json {

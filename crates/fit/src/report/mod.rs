@@ -26,7 +26,7 @@ use crate::simplify::{
 };
 use crate::traced_maps::MapsCourse;
 use page::{bytes, escape};
-use photofit_image::write_atomically;
+use photofit_image::{set_aside, write_atomically};
 use photofit_scene::Scene;
 use std::path::{Path, PathBuf};
 
@@ -58,7 +58,8 @@ pub struct ReportInfo<'a> {
 pub const TRACED_MEASURE: &str = "relative squared error, dB below 1";
 
 /// Writes [`PAGE`] to `folder`, which is made when it does not exist, and returns its path. The page has all of its
-/// pictures inside and stays below about 15 MB.
+/// pictures inside and stays below about 15 MB. It replaces an earlier report; another file of its name is kept with `.bak`
+/// behind it.
 ///
 /// # Errors
 /// If the folder or the page cannot be written, the written file cannot be read, or the reference has no extent.
@@ -69,6 +70,9 @@ pub fn write_report(folder: &Path, outcome: &Outcome, info: &ReportInfo<'_>) -> 
 fn write_page(folder: &Path, html: &str) -> Result<PathBuf, FitError> {
     std::fs::create_dir_all(folder).map_err(|source| FitError::Io { path: folder.into(), source })?;
     let path = folder.join(PAGE);
+    if !page::is_page(&path) {
+        set_aside(&path)?;
+    }
     write_atomically(&path, html.as_bytes())?;
     Ok(path)
 }

@@ -1,10 +1,26 @@
 //! The page around the sections, and pieces of HTML.
 
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+/// What stands in the head of every page.
+const GENERATOR: &str = "<meta name=generator content=photofit>";
+/// Bytes of a page that hold its head, before the title.
+const HEAD: u64 = 256;
+
+/// Whether a file is a page of [`page`]; false where there is none.
+pub(super) fn is_page(file: &Path) -> bool {
+    let mut head = Vec::new();
+    let read = File::open(file).and_then(|f| f.take(HEAD).read_to_end(&mut head));
+    read.is_ok() && head.windows(GENERATOR.len()).any(|w| w == GENERATOR.as_bytes())
+}
+
 /// A page with its style and script inside.
 pub(super) fn page(title: &str, body: &str) -> String {
     format!(
         "<!DOCTYPE html>\n<html lang=en>\n<head>\n<meta charset=utf-8>\n\
-         <meta name=viewport content=\"width=device-width\">\n<title>{}</title>\n<style>\n{}</style>\n</head>\n\
+         {GENERATOR}\n<meta name=viewport content=\"width=device-width\">\n<title>{}</title>\n<style>\n{}</style>\n</head>\n\
          <body>\n<main>\n{body}</main>\n<script>\n{}</script>\n</body>\n</html>\n",
         escape(title),
         include_str!("style.css"),

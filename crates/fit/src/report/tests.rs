@@ -48,6 +48,13 @@ fn the_page_is_whole_and_needs_nothing_else() {
         screen_size: Some(20.0),
     };
     let page = write_report(&dir.path().join("new/report"), &outcome, &info).unwrap();
+    // An earlier report is replaced, somebody else's page is kept.
+    write_report(&dir.path().join("new/report"), &outcome, &info).unwrap();
+    assert_eq!(std::fs::read_dir(dir.path().join("new/report")).unwrap().count(), 1);
+    std::fs::create_dir(dir.path().join("site")).unwrap();
+    std::fs::write(dir.path().join("site/index.html"), "<h1>mine</h1>").unwrap();
+    write_report(&dir.path().join("site"), &outcome, &info).unwrap();
+    assert_eq!(std::fs::read_to_string(dir.path().join("site/index.html.bak")).unwrap(), "<h1>mine</h1>");
     let html = std::fs::read_to_string(&page).unwrap();
     assert!(html.starts_with("<!DOCTYPE html>") && html.ends_with("</html>\n"));
     for part in [

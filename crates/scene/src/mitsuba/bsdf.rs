@@ -276,7 +276,7 @@ impl Importer {
             element,
             &["diffuse_reflectance_sampling_rate", "main_specular_sampling_rate", "clearcoat_sampling_rate"],
         );
-        let mut get = |name: &str, default: f32| self.texture(element, name, Meaning::Unbounded, default);
+        let mut get = |name: &str, default: f32| self.texture(element, name, Meaning::Reflectance, default);
         let textures = PrincipledTextures {
             base_color: get("base_color", 0.5)?,
             roughness: get("roughness", 0.5)?,
@@ -309,13 +309,21 @@ impl Importer {
                 "specular_transmittance_sampling_rate",
             ],
         );
-        let mut get = |name: &str, default: f32| self.texture(element, name, Meaning::Unbounded, default);
+        // Light that is let through diffusely, of 2 in all.
+        let diff_trans = self.texture(element, "diff_trans", Meaning::Unbounded, 0.0)?;
+        if let Texture::Constant(c) = &diff_trans
+            && c.to_array().iter().any(|x| *x > 2.0)
+        {
+            let rule = format!("diff_trans is {:?}; it must lie in [0, 2]", c.to_array());
+            return Err(fault(self.reader.place(element), rule));
+        }
+        let mut get = |name: &str, default: f32| self.texture(element, name, Meaning::Reflectance, default);
         let textures = PrincipledThinTextures {
             base_color: get("base_color", 0.5)?,
             roughness: get("roughness", 0.5)?,
             anisotropic: get("anisotropic", 0.0)?,
             spec_trans: get("spec_trans", 0.0)?,
-            diff_trans: get("diff_trans", 0.0)?,
+            diff_trans,
             spec_tint: get("spec_tint", 0.0)?,
             sheen: get("sheen", 0.0)?,
             sheen_tint: get("sheen_tint", 0.0)?,

@@ -491,4 +491,11 @@ fn principled_surfaces_let_light_through() {
         "<shape type='sphere'><bsdf type='principledthin'><float name='eta' value='1'/></bsdf></shape>";
     let error = load_text(&format!("{SENSOR}{body}")).unwrap_err();
     assert!(error.contains("eta is 1; it must be greater than 1"), "{error}");
+    for (property, rule) in [("spec_trans", "must lie in [0, 1]"), ("diff_trans", "must lie in [0, 2]")] {
+        let body = format!(
+            "<shape type='sphere'><bsdf type='principledthin'><float name='{property}' value='2.5'/></bsdf></shape>"
+        );
+        let error = load_text(&format!("{SENSOR}{body}")).unwrap_err();
+        assert!(error.contains(rule), "{error}");
+    }
 }
