@@ -373,6 +373,17 @@ fn media_and_who_is_in_them() {
 }
 
 #[test]
+fn texels_are_finite() {
+    // The last four bytes are a NaN.
+    let pfm = "Pf\n2 1\n1\n\0\0\0\0\u{7f}\u{e9}\0";
+    let body = "<shape type='sphere'><bsdf type='diffuse'><texture name='reflectance' type='bitmap'>\
+                <string name='filename' value='a.pfm'/></texture></bsdf></shape>";
+    let main = format!("<scene version='3.0.0'>{SENSOR}{body}</scene>");
+    let text = load_files(&[("s.xml", &main), ("a.pfm", pfm)], &[]).unwrap_err();
+    assert!(text.contains("a.pfm: the texel in column 1 of row 0 is not finite; it must be"), "{text}");
+}
+
+#[test]
 fn limits_hold() {
     let obj: String = (0..100).map(|i| format!("v {i} 0 0\n")).collect::<String>() + "f 1 2 3\n";
     let body = "<shape type='obj'><string name='filename' value='a.obj'/></shape>";

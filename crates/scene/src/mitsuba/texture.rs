@@ -182,6 +182,12 @@ impl Importer {
                 format!("images have {} texels up to here; there may be {}", self.texels, self.limits.texels),
             ));
         }
+        if let Some(i) = image.data.iter().position(|x| !x.is_finite()) {
+            let texel = i / image.channels;
+            let (x, y) = (texel % image.width, texel / image.width);
+            let file = format!("{place}: {}", path.display());
+            return Err(fault(file, format!("the texel in column {x} of row {y} is not finite; it must be")));
+        }
         let stored_in_bytes = [&b"\x89PNG"[..], b"\xff\xd8", b"BM"].iter().any(|m| bytes.starts_with(m));
         if raw && stored_in_bytes {
             let channels = image.channels;
