@@ -159,7 +159,7 @@ fn without_alpha(image: &TextureImage) -> TextureImage {
 
 /// Whether light passes through a material, which an alpha mask does not cut out.
 pub(crate) fn transmits(m: &Material) -> bool {
-    transmission(m) > 0.0 && !m.unlit && !matches!(m.alpha_mode, AlphaMode::Mask { .. })
+    m.acting_extensions().contains(&"transmission") && !matches!(m.alpha_mode, AlphaMode::Mask { .. })
 }
 
 /// Share of alpha that is drawn of a material through which light passes, by its extensions without textures: that of the
@@ -177,11 +177,6 @@ fn averaged(scene: &Scene, material: usize) -> Option<Extensions> {
     Some(extensions.averaged(&scene.images, &points))
 }
 
-/// Share of the light that passes.
-fn transmission(m: &Material) -> f32 {
-    m.extensions.as_ref().and_then(|e| e.transmission.as_ref()).map_or(0.0, |t| t.factor)
-}
-
 /// The extensions that a material's class keeps.
 fn kept(scene: &Scene, material: usize) -> Option<Box<Extensions>> {
     let m = &scene.materials[material];
@@ -189,6 +184,10 @@ fn kept(scene: &Scene, material: usize) -> Option<Box<Extensions>> {
         return None;
     }
     let mut kept = averaged(scene, material)?;
+    // What lets no light pass, as metal, would be glass with the baked maps of a light asset.
+    if !m.acting_extensions().contains(&"transmission") {
+        (kept.transmission, kept.volume) = (None, None);
+    }
     if let Some(volume) = &mut kept.volume {
         volume.thickness *= placed_scale(scene, material);
     }
@@ -272,7 +271,7 @@ mod tests {
     use photofit_scene::{Clearcoat, Instance, Primitive, TextureImage, Transmission, Volume};
 
     fn with(extensions: Extensions) -> Material {
-        Material { extensions: Some(Box::new(extensions)), ..Material::default() }
+        Material { extensions: Some(Box::new(extensions)), ..Material::clay() }
     }
 
     fn scene() -> Scene {
@@ -388,7 +387,12 @@ mod tests {
         assert!((after.materials[1].base_color[3] - LEAST_OPACITY).abs() < 1e-6);
         let others = (0..before.materials.len()).filter(|i| *i != 1);
         assert!(others.into_iter().all(|i| after.materials[i] == before.materials[i]));
-        let opaque = Scene { materials: vec![Material::clay()], ..Scene::default() };
+        let mut opaque = Scene { materials: vec![Material::clay()], ..Scene::default() };
         assert!(matches!(drawn(&opaque), Cow::Borrowed(_)));
+        // Metal lets no light pass, nor does its class, whose metalness is a map.
+        opaque.materials = vec![Material { metallic: 1.0, ..scene().materials[1].clone() }];
+        assert!(matches!(drawn(&opaque), Cow::Borrowed(_)));
+        let (classes, _) = classes(&opaque);
+        assert!(!classes[0].is_see_through() && classes[0].extensions.is_none());
     }
 }

@@ -2,6 +2,7 @@
 
 use super::engine::Engine;
 use super::topology::NONE;
+use super::wedge::join_alike;
 use crate::Mesh;
 use glam::DVec3;
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec2, vec3, vec4};
@@ -47,23 +48,16 @@ pub(super) fn output(
         keys.sort_unstable();
         keys.dedup();
         // Wedges that have become alike are one vertex.
-        let mut named: Vec<u32> = Vec::with_capacity(keys.len());
-        let mut own: Vec<(u32, u32)> = Vec::new();
-        for same in keys.chunk_by(|a, b| a.0 == b.0) {
-            own.clear();
-            for &(v, w) in same {
-                let known = own.iter().find(|(first, _)| wedges.are_alike(*first, w));
-                let vertex = known.map_or(mesh.positions.len() as u32, |(_, vertex)| *vertex);
-                if known.is_none() {
-                    own.push((w, vertex));
-                    mesh.positions.push(point(v));
-                    lock(v);
-                    let row: Vec<f32> = wedges.unscaled(w).collect();
-                    push_attributes(&mut mesh, input, &row);
-                }
-                named.push(vertex);
-            }
-        }
+        let named = join_alike(
+            &keys,
+            |a, b| wedges.are_alike(a, b),
+            |(v, w)| {
+                mesh.positions.push(point(v));
+                lock(v);
+                let row: Vec<f32> = wedges.unscaled(w).collect();
+                push_attributes(&mut mesh, input, &row);
+            },
+        );
         for &t in &live {
             let (c, w) = (engine.topology.triangles[t], wedges.corners[t]);
             let find = |k: usize| named[keys.binary_search(&(c[k], w[k])).unwrap_or(0)];

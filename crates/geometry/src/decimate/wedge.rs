@@ -45,6 +45,32 @@ fn are_alike(a: impl Iterator<Item = f32>, b: impl Iterator<Item = f32>, bounds:
     a.zip(b).zip(bounds).all(|((a, b), most)| (a - b).abs() <= *most)
 }
 
+/// Joins what is alike at each vertex. Pairs of a vertex and what stands at it come in the order of vertices; `begin` is told the
+/// first pair of each that others join. The number of its first for each pair, in the order that they began in.
+pub(super) fn join_alike(
+    pairs: &[(u32, u32)],
+    alike: impl Fn(u32, u32) -> bool,
+    mut begin: impl FnMut((u32, u32)),
+) -> Vec<u32> {
+    let mut out = Vec::with_capacity(pairs.len());
+    let mut count = 0;
+    // Those of the vertex, each with its number.
+    let mut own: Vec<(u32, u32)> = Vec::new();
+    for same in pairs.chunk_by(|a, b| a.0 == b.0) {
+        own.clear();
+        for &(vertex, what) in same {
+            let known = own.iter().find(|(first, _)| alike(*first, what)).map(|(_, number)| *number);
+            out.push(known.unwrap_or_else(|| {
+                begin((vertex, what));
+                own.push((what, count));
+                count += 1;
+                count - 1
+            }));
+        }
+    }
+    out
+}
+
 /// Wedges at the two ends of an edge that become one.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pairing {
@@ -148,22 +174,15 @@ impl Wedges {
         });
         let mut values = Vec::new();
         let mut count = 0_u32;
-        let mut named: Vec<((u32, u32), u32)> = Vec::with_capacity(order.len());
-        // Those of the vertex, each with the input vertex that it is of.
-        let mut own: Vec<(u32, u32)> = Vec::new();
-        for same in order.chunk_by(|a, b| a.0 == b.0) {
-            own.clear();
-            for &(v, i) in same {
-                let known = own.iter().find(|(_, first)| are_alike(row(*first), row(i), &alike));
-                let wedge = known.map_or(count, |(wedge, _)| *wedge);
-                if known.is_none() {
-                    values.extend(row(i).zip(&scale).map(|(x, s)| f64::from(x) * s));
-                    own.push((count, i));
-                    count += 1;
-                }
-                named.push(((v, i), wedge));
-            }
-        }
+        let wedges = join_alike(
+            &order,
+            |a, b| are_alike(row(a), row(b), &alike),
+            |(_, i)| {
+                values.extend(row(i).zip(&scale).map(|(x, s)| f64::from(x) * s));
+                count += 1;
+            },
+        );
+        let mut named: Vec<((u32, u32), u32)> = order.into_iter().zip(wedges).collect();
         named.sort_unstable();
         let find = |v: u32, i: u32| named.binary_search_by_key(&(v, i), |e| e.0).map_or(0, |k| named[k].1);
         let corners: Vec<[u32; 3]> = soup

@@ -184,7 +184,7 @@ fn what_is_in_the_file_is_not_denied() {
         sheen: Some(Sheen { color: [1.0; 3], ..Sheen::default() }),
         ..Extensions::default()
     };
-    let glass = scene(Material { extensions: Some(Box::new(extensions)), ..Material::clay() });
+    let glass = scene(Material { extensions: Some(Box::new(extensions.clone())), ..Material::clay() });
     let text = FitPlan::new(&glass).to_string();
     for part in [
         "volumes                1 of 1 materials enclose one",
@@ -195,6 +195,10 @@ fn what_is_in_the_file_is_not_denied() {
     }
     let text = FitPlan::new(&scene(Material::clay())).to_string();
     assert!(text.contains("no material encloses one"), "{text}");
+    // Metal lets no light pass, whatever its file says.
+    let metal = Material { metallic: 1.0, extensions: Some(Box::new(extensions)), ..Material::clay() };
+    let text = FitPlan::new(&scene(metal)).to_string();
+    assert!(text.contains("no material encloses one") && !text.contains("let light pass: drawn"), "{text}");
 }
 
 #[test]

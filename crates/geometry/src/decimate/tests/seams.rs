@@ -99,6 +99,33 @@ fn groups_keep_their_colors_apart() {
     }
 }
 
+/// Both sides of a seam have normals of their own that differ by noise, of which little is left in the mean over many.
+#[test]
+fn sides_of_a_seam_that_have_become_alike_are_one_vertex() {
+    let mut mesh = super::grid(48, |x, y| 0.02 * (5.0 * x).sin() * (4.0 * y).cos());
+    mesh.uvs.clear();
+    let plain = mesh.positions.clone();
+    let middle = 0.5 * plain.iter().fold(0.0_f32, |m, p| m.max(p.x));
+    // Copies of all vertices for the second half; those inside of the halves go unused.
+    mesh.positions.extend(&plain);
+    for t in &mut mesh.triangles {
+        let second = t.iter().map(|v| plain[*v as usize].x).sum::<f32>() > 3.0 * middle;
+        *t = t.map(|v| v + if second { plain.len() as u32 } else { 0 });
+    }
+    let off = |v: usize, j: usize| ((v * (7 + j) + v * v % 5) % 11) as f32 / 11.0 - 0.5;
+    mesh.normals = (0..mesh.positions.len())
+        .map(|v| (vec3(0.0, 0.0, 1.0) + vec3(off(v, 0), off(v, 1), 0.0) * 0.02).normalize_or_zero())
+        .collect();
+    let light = to(&mesh, 24, |o| o.keep_uvs = true).mesh;
+    let crossing: Vec<usize> = at_positions(&light)
+        .into_values()
+        .filter(|at| (light.positions[at[0]].x - middle).abs() < 0.02)
+        .map(|at| at.len())
+        .collect();
+    let seams = crossing.iter().filter(|n| **n > 1).count();
+    assert!(!crossing.is_empty() && 2 * seams < crossing.len(), "{seams} of {}", crossing.len());
+}
+
 /// What exporters lose by rounding makes no seam: a smooth mesh whose triangles have corners of their own, off by little, collapses like
 /// one that shares them.
 #[test]
