@@ -151,7 +151,7 @@ fn glass_stays_glass_and_what_it_holds_is_kept() {
         ..Extensions::default()
     };
     hull.material = scene.materials.len();
-    scene.materials.push(Material { extensions: Some(Box::new(glass)), ..Material::default() });
+    scene.materials.push(Material { extensions: Some(Box::new(glass)), ..Material::clay() });
     scene.primitives.push(hull);
     scene.instances.push(Instance { primitive: 1, transform: glam::Affine3A::IDENTITY });
     save_glb(d.join("rock.glb"), &scene).unwrap();

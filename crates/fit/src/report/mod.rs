@@ -70,7 +70,7 @@ pub fn write_report(folder: &Path, outcome: &Outcome, info: &ReportInfo<'_>) -> 
 fn write_page(folder: &Path, html: &str) -> Result<PathBuf, FitError> {
     std::fs::create_dir_all(folder).map_err(|source| FitError::Io { path: folder.into(), source })?;
     let path = folder.join(PAGE);
-    if !page::is_page(&path) {
+    if path.is_file() && !page::is_page(&path) {
         set_aside(&path)?;
     }
     write_atomically(&path, html.as_bytes())?;
