@@ -90,8 +90,7 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, view: &View, key: &
     write(a, &renderer)?;
     // A state of more samples than were asked for is worth more than this picture.
     let progress = renderer.progress();
-    let more = progress.samples > progress.total;
-    if more {
+    if progress.samples > progress.total {
         say(&format!("{}: has more samples than were asked for; it is kept", state.display()));
     } else if finished && state.is_file() {
         fs::remove_file(&state).with_context(|| format!("{}: cannot be removed", state.display()))?;

@@ -57,7 +57,7 @@ impl Extensions {
     }
 
     /// Whether light passes: where none does a volume means nothing.
-    pub fn transmits(&self) -> bool {
+    pub(crate) fn transmits(&self) -> bool {
         self.transmission.as_ref().is_some_and(|t| t.factor > 0.0)
     }
 

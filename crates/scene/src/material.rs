@@ -93,9 +93,18 @@ impl Material {
     pub fn acting_extensions(&self) -> Vec<&'static str> {
         let extensions = self.extensions.as_ref().filter(|_| !self.unlit);
         let mut out = extensions.map_or_else(Vec::new, |e| e.acting());
-        let is_metal = self.metallic >= 1.0 && self.metallic_roughness_texture.is_none();
-        out.retain(|name| !(is_metal && ["specular", "ior", "transmission", "volume"].contains(name)));
+        out.retain(|name| !(self.is_metal() && ["specular", "ior", "transmission", "volume"].contains(name)));
         out
+    }
+
+    /// Whether light passes through its surface: where none does, as in metal, a volume means nothing.
+    pub fn transmits(&self) -> bool {
+        !self.unlit && !self.is_metal() && self.extensions.as_ref().is_some_and(|e| e.transmits())
+    }
+
+    /// Whether all of it is metal.
+    fn is_metal(&self) -> bool {
+        self.metallic >= 1.0 && self.metallic_roughness_texture.is_none()
     }
 
     /// The grey dielectric given to assets without a material: base colour 0.5, roughness 0.5.

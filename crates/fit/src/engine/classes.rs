@@ -159,7 +159,7 @@ fn without_alpha(image: &TextureImage) -> TextureImage {
 
 /// Whether light passes through a material, which an alpha mask does not cut out.
 pub(crate) fn transmits(m: &Material) -> bool {
-    m.acting_extensions().contains(&"transmission") && !matches!(m.alpha_mode, AlphaMode::Mask { .. })
+    m.transmits() && !matches!(m.alpha_mode, AlphaMode::Mask { .. })
 }
 
 /// Share of alpha that is drawn of a material through which light passes, by its extensions without textures: that of the
@@ -185,7 +185,7 @@ fn kept(scene: &Scene, material: usize) -> Option<Box<Extensions>> {
     }
     let mut kept = averaged(scene, material)?;
     // What lets no light pass, as metal, would be glass with the baked maps of a light asset.
-    if !m.acting_extensions().contains(&"transmission") {
+    if !m.transmits() {
         (kept.transmission, kept.volume) = (None, None);
     }
     if let Some(volume) = &mut kept.volume {

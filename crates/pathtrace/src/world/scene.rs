@@ -39,7 +39,7 @@ impl Parts {
 }
 
 fn material(index: usize, m: &photofit_scene::Material) -> Material {
-    let acting = m.extensions.as_deref().filter(|_| m.acting_extensions().contains(&"volume"));
+    let acting = m.extensions.as_deref().filter(|_| m.transmits());
     let volume = acting.and_then(|e| e.volume.as_ref()).filter(|v| v.thickness > 0.0);
     let absorption = volume.map_or(Vec3f::zero(), |v| Vec3f::from_array(v.absorption()));
     let (solid, single_sided) = (volume.is_some(), !m.double_sided);
