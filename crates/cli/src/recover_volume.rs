@@ -17,7 +17,9 @@ use photofit_fit::recover_volume::{RecoverVolumeOptions, RecoveredVolume, Surrou
 use photofit_fit::report::PAGE;
 use photofit_fit::views::views_around;
 use photofit_image::{Image, write_atomically};
-use photofit_pathtrace::{EnvironmentMap, LightSource, Parts, RenderOptions, Renderer, View, Volume, World};
+use photofit_pathtrace::{
+    EnvironmentMap, Field, LightSource, Parts, RenderOptions, Renderer, View, Volume, World,
+};
 use photofit_scalar::Vec3f;
 use photofit_scene::mitsuba::{encode_grid, parse_grid};
 use serde_json::{Value, json};
@@ -33,8 +35,10 @@ const SHOWN_SEED: u64 = 0x7368_6f77;
 const MOST_BYTES: u64 = 1 << 31;
 /// Albedo of a self-test that names none.
 const ALBEDO: [f32; 3] = [0.8, 0.6, 0.4];
+/// Emission of a self-test over its extinction.
+const EMISSION: [f32; 3] = [0.8, 0.4, 0.1];
 /// Files of the output.
-const FILES: [&str; 5] = ["extinction.vol", "albedo.vol", "views.png", "values.json", PAGE];
+const FILES: [&str; 6] = ["extinction.vol", "albedo.vol", "views.png", "values.json", PAGE, "emission.vol"];
 
 /// What is seen, from where, under which light.
 struct Seen {
@@ -94,7 +98,7 @@ fn failed(a: &RecoverVolume, error: FitError) -> anyhow::Error {
         }
         FitError::Setting { field: "surroundings", .. } => {
             let list = a.pictures.as_deref().unwrap_or(Path::new("")).display();
-            anyhow!("{list}: names no lights; it must, or --env must be given")
+            anyhow!("{list}: names no lights; it must, or --env or --emission must be given")
         }
         error => name_options(RECOVER_VOLUME, error).into(),
     }
@@ -108,6 +112,7 @@ fn options(a: &RecoverVolume) -> RecoverVolumeOptions {
         coarse_to_fine: !a.one_grid,
         // That of a self-test is to be found.
         albedo: a.albedo.as_ref().filter(|_| a.self_test.is_none()).map(|n| three(&n.0)),
+        emission: a.emission,
         anisotropy: a.anisotropy as f32,
         steps: a.traced.steps,
         rate: a.traced.rate,
@@ -167,14 +172,19 @@ fn known(a: &RecoverVolume, file: &Path, environment: Option<EnvironmentMap>) ->
         None => Surroundings { lights: vec![sun], environment: Some(sky()) },
     };
     let albedo = a.albedo.as_ref().map_or(ALBEDO, |n| three(&n.0));
+    let transform = DAffine3::from_translation(lo) * DAffine3::from_scale(hi - lo);
+    let glow = |e: &f32| Vec3f::from_array(EMISSION) * *e;
+    let emission =
+        a.emission.then(|| Field { size, values: extinction.iter().map(glow).collect(), transform });
     let volume = Volume {
         size,
         density: extinction.clone(),
         scale: 1.0,
         albedo: Vec3f::from_array(albedo),
         albedos: Vec::new(),
+        emission,
         g: a.anisotropy as f32,
-        transform: DAffine3::from_translation(lo) * DAffine3::from_scale(hi - lo),
+        transform,
     };
     let Surroundings { lights, environment } = surroundings.clone();
     let world = World::new(Parts { lights, environment, volumes: vec![volume], ..Parts::default() })
@@ -200,7 +210,8 @@ fn known(a: &RecoverVolume, file: &Path, environment: Option<EnvironmentMap>) ->
 /// Writes what was found and tells it.
 fn write(a: &RecoverVolume, seen: &Seen, r: &RecoveredVolume, seconds: f64) -> Result<()> {
     let mut results = Results::default();
-    for (file, values) in [(FILES[0], &r.extinction), (FILES[1], &r.albedo)] {
+    let grids = [(FILES[0], &r.extinction), (FILES[1], &r.albedo), (FILES[5], &r.emission)];
+    for (file, values) in grids.into_iter().filter(|g| !g.1.is_empty()) {
         let bytes = encode_grid(r.size, values, r.bounds);
         results.took(write_atomically(a.output.join(file).as_path(), &bytes).map_err(Into::into));
     }

@@ -18,7 +18,7 @@ use crate::engine::trainer::{Batch, Checkpointing, HeldOut, HistoryPoint, Job, M
 use crate::engine::views::{Sampling, ViewCamera, ViewLights};
 use crate::{FitError, Progress};
 use photofit_image::Image;
-use photofit_pathtrace::{MaterialValue, Parameter, View};
+use photofit_pathtrace::{MaterialValue, MediumValue, Parameter, View};
 
 pub use crate::engine::trainer::relative_error;
 
@@ -289,8 +289,11 @@ fn scale(model: &Traced, parameter: usize, brightness: f64) -> f64 {
     }
     let values = model.of(parameter);
     let mean = values.iter().map(|v| f64::from(v.abs())).sum::<f64>() / values.len().max(1) as f64;
-    if let Parameter::Medium { medium, .. } = model.parameters[parameter].parameter {
-        return mean.max(OPAQUE * f64::from(model.world().unit_extinction(medium)));
+    if let Parameter::Medium { medium, value } = model.parameters[parameter].parameter {
+        let unit = OPAQUE * f64::from(model.world().unit_extinction(medium));
+        // Light of the pictures' brightness from across the whole medium, where it sends some out.
+        let measure = if value == MediumValue::Emission { brightness } else { 1.0 };
+        return mean.max(unit * measure);
     }
     [mean, LAMP * brightness].into_iter().find(|m| *m > FAINT).unwrap_or(1.0)
 }

@@ -15,7 +15,8 @@ use crate::{FitError, Progress};
 use glam::{DAffine3, DMat3, DVec3};
 use photofit_image::Image;
 use photofit_pathtrace::{
-    EnvironmentMap, LightSource, MediumRef, MediumValue, Parameter, Parts, RenderOptions, View, Volume, World,
+    EnvironmentMap, Field, LightSource, MediumRef, MediumValue, Parameter, Parts, RenderOptions, View,
+    Volume, World,
 };
 use photofit_scalar::Vec3f;
 use std::sync::Mutex;
@@ -57,6 +58,8 @@ pub struct RecoverVolumeOptions {
     pub coarse_to_fine: bool,
     /// Albedo where it is known, 0 to 1; `None`: it is found too.
     pub albedo: Option<[f32; 3]>,
+    /// Light that the cloud sends out itself is found, too; there may be no other light then.
+    pub emission: bool,
     /// Mean cosine of scattering, in (-1, 1).
     pub anisotropy: f32,
     /// Steps of all grids together.
@@ -84,6 +87,7 @@ impl Default for RecoverVolumeOptions {
             size: 64,
             coarse_to_fine: true,
             albedo: None,
+            emission: false,
             anisotropy: 0.0,
             steps: 200,
             rate: 0.05,
@@ -100,7 +104,7 @@ impl Default for RecoverVolumeOptions {
 /// A cloud that was found.
 #[derive(Debug)]
 pub struct RecoveredVolume {
-    /// The world with the cloud; density, then albedo where it was found.
+    /// The world with the cloud; density, then albedo and emission where they were found.
     pub model: Traced,
     /// Voxels along x, y and z.
     pub size: [usize; 3],
@@ -110,6 +114,8 @@ pub struct RecoveredVolume {
     pub extinction: Vec<f32>,
     /// Albedo, three channels of each voxel.
     pub albedo: Vec<f32>,
+    /// Radiance that it sends out per length, three channels of each voxel; empty where it was not looked for.
+    pub emission: Vec<f32>,
     /// The course over all grids.
     pub history: Vec<HistoryPoint>,
     /// Steps after which a grid began, and its longest side.
@@ -156,7 +162,7 @@ pub fn seen_by(views: &[View]) -> Result<[DVec3; 2], FitError> {
     Ok([center - radius, center + radius])
 }
 
-/// Finds the cloud in a box that `pictures` show (linear, one for each of `views`, all of one size; their alpha is not
+/// Finds the cloud, and where [`RecoverVolumeOptions::emission`] says so its own light, in a box that `pictures` show (linear, one for each of `views`, all of one size; their alpha is not
 /// looked at) under the light of `surroundings`.
 ///
 /// # Errors
@@ -169,7 +175,7 @@ pub fn recover_volume(
     progress: &dyn Progress,
 ) -> Result<RecoveredVolume, FitError> {
     options.check()?;
-    if surroundings.environment.is_none() && surroundings.lights.is_empty() {
+    if surroundings.environment.is_none() && surroundings.lights.is_empty() && !options.emission {
         let rule = "have no light; they must have some".into();
         return Err(FitError::Setting { field: "surroundings", rule });
     }
@@ -179,7 +185,7 @@ pub fn recover_volume(
     };
     let bounds = options.bounds.map_or_else(|| seen_by(views), Ok)?;
     let longest = options.longest_sides();
-    let mut grid = Grid::start(size_of(&bounds, longest[0]), &bounds, options.albedo);
+    let mut grid = Grid::start(size_of(&bounds, longest[0]), &bounds, options);
     let (mut grids, mut plan) = (Vec::new(), PlanRows::default());
     let (mut made, mut resumed) = (0, 0);
     let mut chain = FitChain::new(&options.checkpointing, progress);
@@ -206,8 +212,13 @@ pub fn recover_volume(
         }
         chain.add(&r.history, end - done);
         grid.extinction.copy_from_slice(r.model.of(0));
-        if options.albedo.is_none() {
-            grid.albedo.copy_from_slice(r.model.of(1));
+        let mut next = 1..;
+        for (found, values) in
+            [(options.albedo.is_none(), &mut grid.albedo), (options.emission, &mut grid.emission)]
+        {
+            if found && let Some(k) = next.next() {
+                values.copy_from_slice(r.model.of(k));
+            }
         }
         (made, resumed) = (made + r.steps, resumed + r.resumed);
         if level + 1 == longest.len() || r.stopped {
@@ -216,6 +227,7 @@ pub fn recover_volume(
                 bounds,
                 extinction: grid.extinction,
                 albedo: grid.albedo,
+                emission: grid.emission,
                 history: chain.into_history(),
                 grids,
                 held_out: r.held_out,
@@ -281,16 +293,19 @@ struct Grid {
     size: [usize; 3],
     extinction: Vec<f32>,
     albedo: Vec<f32>,
+    /// Empty: none.
+    emission: Vec<f32>,
 }
 
 impl Grid {
-    fn start(size: [usize; 3], [lo, hi]: &[DVec3; 2], albedo: Option<[f32; 3]>) -> Self {
+    fn start(size: [usize; 3], [lo, hi]: &[DVec3; 2], options: &RecoverVolumeOptions) -> Self {
         let voxels = size.iter().product();
         let extinction = (THICKNESS / (*hi - *lo).max_element()) as f32;
         Self {
             size,
             extinction: vec![extinction; voxels],
-            albedo: albedo.unwrap_or([ALBEDO; 3]).repeat(voxels),
+            albedo: options.albedo.unwrap_or([ALBEDO; 3]).repeat(voxels),
+            emission: if options.emission { vec![0.0; 3 * voxels] } else { Vec::new() },
         }
     }
 
@@ -300,7 +315,8 @@ impl Grid {
             return self;
         }
         let of = |values: &[f32], channels| resample(values, self.size, channels, size);
-        Self { size, extinction: of(&self.extinction, 1), albedo: of(&self.albedo, 3) }
+        let emission = if self.emission.is_empty() { Vec::new() } else { of(&self.emission, 3) };
+        Self { size, extinction: of(&self.extinction, 1), albedo: of(&self.albedo, 3), emission }
     }
 
     fn model(
@@ -311,14 +327,19 @@ impl Grid {
         [width, height]: [usize; 2],
     ) -> Result<Traced, FitError> {
         let [lo, hi] = *bounds;
+        let colors =
+            |values: &[f32]| values.as_chunks::<3>().0.iter().map(|a| Vec3f::from_array(*a)).collect();
+        let (size, transform) = (self.size, DAffine3::from_translation(lo) * DAffine3::from_scale(hi - lo));
+        let glows = !self.emission.is_empty();
         let volume = Volume {
-            size: self.size,
+            size,
             density: self.extinction.clone(),
             scale: 1.0,
             albedo: Vec3f::splat(1.0),
-            albedos: self.albedo.as_chunks::<3>().0.iter().map(|a| Vec3f::from_array(*a)).collect(),
+            albedos: colors(&self.albedo),
             g: options.anisotropy,
-            transform: DAffine3::from_translation(lo) * DAffine3::from_scale(hi - lo),
+            emission: glows.then(|| Field { size, values: colors(&self.emission), transform }),
+            transform,
         };
         let Surroundings { lights, environment } = surroundings.clone();
         let world = World::new(Parts { lights, environment, volumes: vec![volume], ..Parts::default() })?;
@@ -332,6 +353,9 @@ impl Grid {
         let mut parameters = vec![of("extinction", MediumValue::Extinction, 1, 1e6)];
         if options.albedo.is_none() {
             parameters.push(of("albedo", MediumValue::Albedo, 3, 1.0));
+        }
+        if glows {
+            parameters.push(of("emission", MediumValue::Emission, 3, 1e6));
         }
         let render =
             RenderOptions { width, height, spp: options.spp, seed: options.seed, ..RenderOptions::default() };

@@ -24,7 +24,7 @@ pub enum PathtraceError {
     },
     /// Nothing in the scene gives light.
     #[error(
-        "the scene has no light; it must have an emitting surface, a light source or an environment that is not black"
+        "the scene has no light; it must have an emitting surface or medium, a light source or an environment that is not black"
     )]
     NoLight,
     /// A saved state that cannot be continued.

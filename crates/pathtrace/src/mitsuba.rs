@@ -50,7 +50,13 @@ impl Parts {
 
 fn medium(m: MitsubaMedium) -> BoundedMedium {
     let field = |v: MitsubaVolume| Field { size: v.size, values: v.values, transform: v.to_unit.inverse() };
-    BoundedMedium { extinction: field(m.extinction), scale: m.scale, albedo: field(m.albedo), g: m.g }
+    BoundedMedium {
+        extinction: field(m.extinction),
+        scale: m.scale,
+        albedo: field(m.albedo),
+        g: m.g,
+        emission: m.emission.map(field),
+    }
 }
 
 fn environment(e: MitsubaEnvironment) -> EnvironmentMap {

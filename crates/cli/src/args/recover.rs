@@ -212,7 +212,7 @@ pub(crate) struct RecoverScene {
     pub(crate) explain: bool,
 }
 
-/// Lights are those of the pictures' list (`lights` in transforms.json), or an environment (--env). Grids go from coarse to
+/// Lights are those of the pictures' list (`lights` in transforms.json), an environment (--env), or the cloud's own (--emission). Grids go from coarse to
 /// fine. Of four pictures or more the last one is held out, and what comes closest to it is kept.
 #[derive(Args, Debug)]
 pub(crate) struct RecoverVolume {
@@ -246,6 +246,10 @@ pub(crate) struct RecoverVolume {
     /// Albedo, one or three numbers, where it is known [range: 0 to 1] [default: it is found].
     #[arg(long, value_name = "R,G,B", value_parser = numbers(&[1, 3], 0.0..=1.0))]
     pub(crate) albedo: Option<Numbers>,
+    /// Find the light that the cloud sends out itself, too, as fire does: radiance per length. With --self-test the known cloud
+    /// sends out .8, .4 and .1 times its extinction.
+    #[arg(long)]
+    pub(crate) emission: bool,
     /// Mean cosine of scattering; positive scatters forward [range: more than -1, less than 1].
     #[arg(long, value_name = "G", default_value_t = 0.0, allow_hyphen_values = true,
           value_parser = number(between(-1.0, 1.0)))]
@@ -255,7 +259,7 @@ pub(crate) struct RecoverVolume {
     /// Most scattering events of a path [range: 0 to 1000000].
     #[arg(long, value_name = "D", default_value_t = 16, value_parser = whole::<u32>(0..=1_000_000))]
     pub(crate) max_depth: u32,
-    /// The folder to write: extinction.vol, albedo.vol, views.png, values.json, index.html.
+    /// The folder to write: extinction.vol, albedo.vol, with --emission emission.vol, views.png, values.json, index.html.
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: PathBuf,
     #[command(flatten)]

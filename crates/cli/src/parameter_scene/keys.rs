@@ -1,7 +1,7 @@
 //! The parameters of a scene by their names.
 //!
 //! Those of Mitsuba scenes are called as Mitsuba calls them: `white.reflectance.value`, `lamp.emitter.radiance.value`, `.data`
-//! for images and grids; of media `cloud.interior_medium.sigma_t.data`, `.sigma_t.value.value`, `.albedo`. Those of assets: the material's name with `.base_color`, `.roughness`, `.metallic`, `.emissive`,
+//! for images and grids; of media `cloud.interior_medium.sigma_t.data`, `.sigma_t.value.value`, `.albedo`, `.emission`. Those of assets: the material's name with `.base_color`, `.roughness`, `.metallic`, `.emissive`,
 //! `.absorption` and their maps. Names that several materials or lights have get their numbers.
 
 use super::Quantity;
@@ -180,12 +180,14 @@ pub(super) fn of_mitsuba(scene: &MitsubaScene) -> Vec<Key> {
     keys.list
 }
 
-/// The values of a medium: `NAME.sigma_t` before its scale, `NAME.albedo`.
+/// The values of a medium: `NAME.sigma_t` before its scale, `NAME.albedo`, `NAME.emission`.
 fn medium(keys: &mut Keys, index: usize, medium: &MitsubaMedium) {
     for (name, volume, value) in [
-        ("sigma_t", &medium.extinction, MediumValue::Extinction),
-        ("albedo", &medium.albedo, MediumValue::Albedo),
+        ("sigma_t", Some(&medium.extinction), MediumValue::Extinction),
+        ("albedo", Some(&medium.albedo), MediumValue::Albedo),
+        ("emission", medium.emission.as_ref(), MediumValue::Emission),
     ] {
+        let Some(volume) = volume else { continue };
         let ([x, y, z], grid) = (volume.size, volume.values.len() > 1);
         let channels = if grid && value == MediumValue::Extinction { 1 } else { 3 };
         let end = if grid { "data" } else { "value.value" };

@@ -32,6 +32,8 @@ pub(crate) enum Quantity {
     Extinction,
     /// Albedo of a medium.
     Albedo,
+    /// Radiance that a medium sends out per length.
+    Emission,
 }
 
 impl Quantity {
@@ -54,6 +56,7 @@ impl Quantity {
         match value {
             MediumValue::Extinction => Self::Extinction,
             MediumValue::Albedo => Self::Albedo,
+            MediumValue::Emission => Self::Emission,
         }
     }
 
@@ -75,7 +78,7 @@ impl Quantity {
             Self::Roughness => [photofit_shading::ROUGHNESS_MIN as f32, 1.0],
             Self::Metallic | Self::MetallicRoughness | Self::Normal | Self::Albedo => [0.0, 1.0],
             Self::Radiance => [FAINT, MOST],
-            Self::Absorption | Self::Extinction => [0.0, MOST],
+            Self::Absorption | Self::Extinction | Self::Emission => [0.0, MOST],
         }
     }
 

@@ -38,7 +38,7 @@ fn balls(side: usize) -> Grid {
         extinction.push(4.0 * a + 3.0 * b);
         albedo.extend(if a >= b { [0.9, 0.6, 0.3] } else { [0.3, 0.5, 0.9] });
     }
-    Grid { size: [side; 3], extinction, albedo }
+    Grid { size: [side; 3], extinction, albedo, emission: Vec::new() }
 }
 
 fn options(size: usize, steps: u64) -> RecoverVolumeOptions {
@@ -69,7 +69,7 @@ fn a_cloud_is_found_from_coarse_to_fine() {
     assert_eq!((r.size, r.held_out, r.bounds), ([16; 3], Some(6), BOUNDS));
     assert_eq!(r.grids, [(0, 8), (51, 16)]);
     let truth = balls(16);
-    let start = Grid::start([16; 3], &BOUNDS, None);
+    let start = Grid::start([16; 3], &BOUNDS, &options);
     let dense = |v: &[f32]| -> Vec<f32> {
         (0..v.len()).filter(|i| truth.extinction[i / 3] > 1.0).map(|i| v[i]).collect()
     };
@@ -80,6 +80,31 @@ fn a_cloud_is_found_from_coarse_to_fine() {
     assert!(albedo[1] < 0.8 * albedo[0], "{albedo:?}");
     let best = r.history.iter().map(|h| h.quality).fold(f64::NEG_INFINITY, f64::max);
     assert!(best > r.history[0].quality + 5.0, "{} {best}", r.history[0].quality);
+}
+
+/// Two balls that glow in their colours, and nothing else that shines.
+#[test]
+fn a_cloud_is_found_by_its_own_light() {
+    let views: Vec<View> = (0..7).map(view).collect();
+    let options = RecoverVolumeOptions { emission: true, albedo: Some([0.0; 3]), ..options(16, 80) };
+    let mut truth = balls(16);
+    truth.emission = truth.albedo.iter().zip(0..).map(|(a, i)| a * truth.extinction[i / 3]).collect();
+    truth.albedo.fill(0.0);
+    let dark = Surroundings::default();
+    let model = truth.model(&dark, &BOUNDS, &options, [SIDE; 2]).expect("valid");
+    let pictures: Vec<Image> = views.iter().map(|v| model.picture(v, 256, 99).expect("rendered")).collect();
+    let r = recover_volume(&dark, &views, &pictures, &options, &Silent).expect("found");
+    assert_eq!(r.model.parameters.len(), 2);
+    let nothing = vec![0.0; truth.emission.len()];
+    let emission = [&nothing, &r.emission].map(|e| rmse(e, &truth.emission));
+    let best = r.history.iter().map(|h| h.quality).fold(f64::NEG_INFINITY, f64::max);
+    println!("emission {emission:?}, {} to {best} dB", r.history[0].quality);
+    assert!(emission[1] < 0.85 * emission[0], "{emission:?}");
+    assert!(best > r.history[0].quality + 2.5, "{} {best}", r.history[0].quality);
+    // Without it there is no light at all.
+    let options = RecoverVolumeOptions { emission: false, ..options };
+    let error = recover_volume(&dark, &views, &pictures, &options, &Silent).unwrap_err();
+    assert!(error.to_string().contains("light"), "{error}");
 }
 
 #[test]

@@ -39,6 +39,7 @@ impl MaterialCells {
 pub(super) struct MediumCells {
     pub(super) extinction: u32,
     pub(super) albedo: u32,
+    pub(super) emission: u32,
     /// Some of it scatters.
     pub(super) scatters: bool,
     /// See [`Derivatives::dark_albedo`].
@@ -174,6 +175,7 @@ impl Layout {
                 let cell = match value {
                     MediumValue::Extinction => &mut cells.extinction,
                     MediumValue::Albedo => &mut cells.albedo,
+                    MediumValue::Emission => &mut cells.emission,
                 };
                 free &= *cell == NONE;
                 *cell = start;
@@ -201,7 +203,8 @@ impl Layout {
 }
 
 impl MediumCells {
-    const NONE: Self = Self { extinction: NONE, albedo: NONE, scatters: false, dark_albedo: 0.0 };
+    const NONE: Self =
+        Self { extinction: NONE, albedo: NONE, emission: NONE, scatters: false, dark_albedo: 0.0 };
 }
 
 /// The materials that a value is of: those that are named, and where it is a factor of library materials all that name

@@ -11,6 +11,7 @@ use super::tape::Tape;
 use super::volume::MediaReplay;
 use crate::integrator::{Contribution, Found, MediaFlight, PathVertex, ShadowFlight, Sink, SurfaceVisit};
 use crate::light::LightOrigin;
+use crate::volume::Derivatives;
 use crate::world::{Interaction, SurfaceMaterial, World};
 use photofit_scalar::{Vec3f, Vec4f, vec3};
 use photofit_scene::graph::SurfacePoint;
@@ -136,14 +137,17 @@ impl Sink for Replay<'_> {
     fn contribution(&mut self, light: &Contribution) {
         add(&mut self.rest, light.value, -1.0);
         let before = self.loss.mul(light.throughput) * light.weight;
-        let Found::NextEvent = light.found else {
+        if !matches!(light.found, Found::NextEvent | Found::Medium) {
             return self.emitted(light, before);
-        };
+        }
         for (material, length) in self.shadow.drain(..) {
             let cell = self.layout.materials[material as usize].of(MaterialValue::Absorption);
             self.out.add(cell, self.loss.mul(light.value) * -length);
         }
         self.shadowed(self.loss.mul(light.value));
+        if light.found == Found::Medium {
+            return self.emitted(light, before.mul(light.transmittance));
+        }
         let through = before.mul(light.transmittance) * (1.0 / light.pdf);
         if through == Vec3f::zero() {
             return;
@@ -253,6 +257,12 @@ impl Replay<'_> {
                         }
                     }
                 }
+            }
+            LightOrigin::Medium { medium, point, length } => {
+                let cell = self.layout.medium(medium).emission;
+                let out = &mut *self.out;
+                let add = |voxel, g| out.add(offset(cell, voxel), g);
+                Derivatives::of(self.world, medium).emission_vjp(point, g * length, add);
             }
             LightOrigin::Surface { instance, piece, uv } => {
                 let material = self.world.placed[instance as usize].material;

@@ -33,7 +33,11 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
     pub(super) fn collide(&mut self, hit: Option<&WorldHit>, crossings: u32) -> Event {
         let end = hit.map_or(self.ray.t_max, |h| h.t);
         let before = self.throughput;
-        let collision = self.collision(end, crossings);
+        let glows = self.world.media.glows(self.medium);
+        let collision = self.collision(end, crossings, glows);
+        if glows {
+            self.glow(hit, collision.as_ref().map_or(end, |c| c.t), before, crossings);
+        }
         if S::MEDIA {
             self.report_flight(hit, end, before, collision.as_ref());
         }
@@ -46,14 +50,10 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
         }
         if F & plan::ABSORPTION != 0 {
             let sigma = self.absorption_before(hit);
-            if S::SURFACES {
-                let solid = match hit {
-                    Some(h) => self.inside.solid_before(self.world, h.instance, h.front),
-                    None => self.inside.innermost(),
-                };
-                if let Some(solid) = solid {
-                    self.sink.absorbed(solid, at.t);
-                }
+            if S::SURFACES
+                && let Some(solid) = self.solid_before(hit)
+            {
+                self.sink.absorbed(solid, at.t);
             }
             self.attenuate(absorbed(sigma, at.t));
         }
@@ -66,7 +66,7 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
     }
 
     /// Absorption per unit of length of the solid that the ray is in, on its way to `hit`.
-    fn absorption_before(&self, hit: Option<&WorldHit>) -> Vec3f {
+    pub(super) fn absorption_before(&self, hit: Option<&WorldHit>) -> Vec3f {
         match hit {
             Some(h) => self.inside.on_the_way_to(self.world, h.instance, h.front),
             None => self.inside.absorption(self.world),
@@ -124,8 +124,8 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
     }
 
     /// The nearest of the collisions with all media; the throughput takes up what the medium around the path lets
-    /// through.
-    fn collision(&mut self, end: f32, crossings: u32) -> Option<Collision> {
+    /// through. Where one of them glows, flights end in what only absorbs, too ([`super::glow`]).
+    fn collision(&mut self, end: f32, crossings: u32, glows: bool) -> Option<Collision> {
         let mut rng = self.random.tracking(0x1000 + 2 * (self.depth + crossings));
         let media = &self.world.media;
         let mut first: Option<(f32, Vec3f, usize)> = None;
@@ -138,7 +138,7 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
         let length = first.map_or(end, |f| f.0);
         if let (Some(medium), Some(index)) = (media.bounded(self.medium), self.medium) {
             let along = Segment { origin: self.ray.origin, direction: self.ray.direction, length };
-            if self.depth >= self.options.max_depth {
+            if !glows && (medium.absorbs_only || self.depth >= self.options.max_depth) {
                 // What collides here scatters no more.
                 self.attenuate(medium.transmittance(&along, &mut rng));
             } else {

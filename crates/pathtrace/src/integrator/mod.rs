@@ -2,6 +2,7 @@
 
 mod absorbers;
 mod first;
+mod glow;
 pub(crate) mod medium;
 pub(crate) mod path;
 mod sink;

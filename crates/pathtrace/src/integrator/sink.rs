@@ -19,6 +19,8 @@ pub enum Found {
     Emission,
     /// The path left the world.
     Environment,
+    /// A medium on the way of the path sent it out; a part of a flight, at most up to its collision.
+    Medium,
 }
 
 /// Light that a path adds to the radiance of its camera ray.
@@ -37,8 +39,8 @@ pub struct Contribution {
     pub scattering: Vec3f,
     /// Radiance of the light; the irradiance on a facing surface for lights without a surface.
     pub radiance: Vec3f,
-    /// What media and absorbing surfaces on the shadow ray of [`Found::NextEvent`] let through; else 1 (what lies
-    /// before the vertex is in the throughput).
+    /// What media and absorbing surfaces on the shadow ray of [`Found::NextEvent`] let through; for [`Found::Medium`] what absorbing
+    /// solids do, and the weight of a flight that came so far; else 1 (what lies before the vertex is in the throughput).
     pub transmittance: Vec3f,
     /// Weight of multiple importance sampling.
     pub weight: f32,
@@ -148,7 +150,7 @@ pub trait Sink {
     #[inline(always)]
     fn absorbed(&mut self, _material: u32, _length: f32) {}
 
-    /// A length of the shadow ray of the next [`Found::NextEvent`], in the render frame, lies in the absorbing solid of
+    /// A length of the shadow ray of the next [`Found::NextEvent`], or of the way to the next [`Found::Medium`], in the render frame, lies in the absorbing solid of
     /// a material.
     #[inline(always)]
     fn shadow_absorbed(&mut self, _material: u32, _length: f32) {}
@@ -156,12 +158,13 @@ pub trait Sink {
     /// Whether [`Self::flight`] and [`Self::shadow_flight`] are called.
     const MEDIA: bool = false;
 
-    /// The path has flown through media: to a collision, whose contributions and vertex follow, to a surface, or out of
+    /// The path has flown through media, whose own light is told already: to a collision, whose contributions and vertex follow, to a surface, or out of
     /// the world. It is reported before what solids absorbed on the way.
     #[inline(always)]
     fn flight(&mut self, _flight: &MediaFlight) {}
 
-    /// A part of the shadow ray of the next [`Found::NextEvent`] lies in a medium.
+    /// A part of the shadow ray of the next [`Found::NextEvent`], or of the way to the next [`Found::Medium`], lies in a medium; the latter
+    /// may reach beyond it.
     #[inline(always)]
     fn shadow_flight(&mut self, _flight: &ShadowFlight) {}
 

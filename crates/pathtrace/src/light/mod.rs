@@ -14,6 +14,7 @@ pub use environment::EnvironmentMap;
 pub use picture::ThrownPicture;
 pub use source::{Falloff, LightSource};
 
+use crate::volume::MediumRef;
 use area::Emitters;
 pub(crate) use area::collect;
 pub(crate) use patch::{Facing, Receiver};
@@ -76,6 +77,15 @@ pub enum LightOrigin {
     Source(u32),
     /// The environment.
     Environment,
+    /// A part of a path in a medium that sends out light.
+    Medium {
+        /// The medium.
+        medium: MediumRef,
+        /// A point of it in the render frame.
+        point: Vec3f,
+        /// Length of the part.
+        length: f32,
+    },
     /// A surface that emits.
     Surface {
         /// Index of the instance.

@@ -31,6 +31,7 @@ fn gridded(extinction: f32, albedo: f32, g: f32) -> BoundedMedium {
         scale: 1.0,
         albedo: field([2, 3, 4], albedo),
         g,
+        emission: None,
     }
 }
 

@@ -9,6 +9,7 @@ mod distances;
 mod edits;
 mod furnace;
 mod geometry;
+mod glow;
 mod gradients;
 mod library;
 mod lights;

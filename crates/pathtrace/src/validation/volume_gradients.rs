@@ -2,6 +2,7 @@
 //! it, and none at all; grids voxel group by voxel group; a closed form.
 
 mod colors;
+mod emission;
 mod grids;
 mod table;
 
@@ -59,6 +60,8 @@ struct Cloud {
     /// One value, or one per voxel.
     density: Vec<f32>,
     albedo: Vec<Vec3f>,
+    /// Empty: it has none.
+    emission: Vec<Vec3f>,
     /// Factor of the density of each colour, between surfaces and around the camera.
     tint: Vec3f,
     scale: f32,
@@ -74,7 +77,8 @@ impl Cloud {
         let albedo = vec![vec3(0.8, 0.6, 0.9)];
         let size = if matches!(kind, Kind::Even | Kind::Around) { [1; 3] } else { [3, 2, 2] };
         let tint = Vec3f::splat(1.0);
-        Self { kind, size, density: vec![density], albedo, tint, scale: 1.0, g: 0.3, factor: 1.0, depth: 6 }
+        let (density, emission) = (vec![density], Vec::new());
+        Self { kind, size, density, albedo, emission, tint, scale: 1.0, g: 0.3, factor: 1.0, depth: 6 }
     }
 
     fn voxels(&self) -> usize {
@@ -102,6 +106,9 @@ impl Cloud {
         let transform =
             DAffine3::from_translation(DVec3::splat(-CUBE)) * DAffine3::from_scale(DVec3::splat(2.0 * CUBE));
         let (density, albedo) = (self.filled(&self.density), self.filled(&self.albedo));
+        let glows = !self.emission.is_empty();
+        let emission =
+            glows.then(|| Field { size: self.size, values: self.filled(&self.emission), transform });
         if self.kind == Kind::Box {
             parts.volumes.push(Volume {
                 size: self.size,
@@ -110,13 +117,14 @@ impl Cloud {
                 albedo: Vec3f::splat(1.0),
                 albedos: albedo,
                 g: self.g,
+                emission,
                 transform,
             });
         } else {
             let grey = density.iter().map(|d| self.tint * *d).collect();
             let field = |values| Field { size: self.size, values, transform };
             let (extinction, albedo) = (field(grey), field(albedo));
-            parts.media.push(BoundedMedium { extinction, scale: self.scale, albedo, g: self.g });
+            parts.media.push(BoundedMedium { extinction, scale: self.scale, albedo, g: self.g, emission });
         }
         if self.kind == Kind::Around {
             parts.medium_around_camera = Some(0);

@@ -4,12 +4,12 @@
 //! light that it carries, and weighted by the density over all (the balance heuristic; Wilkie et al. 2014).
 
 use super::field::Lookup;
-use super::{Field, Medium, Volume};
+use super::{Field, Medium, Volume, emission};
 use crate::PathtraceError;
 use crate::error::invalid;
 use glam::DVec3;
 use photofit_sampling::Rng;
-use photofit_scalar::{Vec3f, vec3};
+use photofit_scalar::Vec3f;
 
 /// A medium that fills what surfaces enclose (see [`crate::Boundary`]).
 #[derive(Clone, Debug)]
@@ -22,12 +22,21 @@ pub struct BoundedMedium {
     pub albedo: Field,
     /// Mean cosine of scattering (Henyey and Greenstein), in `(-1, 1)`; positive scatters forward, 0 is isotropic.
     pub g: f32,
+    /// Light that it sends out per unit of length, W/(m^3 sr), whatever its extinction; beyond the box of a grid none. `None`:
+    /// none, and its derivative is not known.
+    pub emission: Option<Field>,
 }
 
 impl BoundedMedium {
     /// The same everywhere.
     pub fn homogeneous(extinction: Vec3f, albedo: Vec3f, g: f32) -> Self {
-        Self { extinction: Field::constant(extinction), scale: 1.0, albedo: Field::constant(albedo), g }
+        Self {
+            extinction: Field::constant(extinction),
+            scale: 1.0,
+            albedo: Field::constant(albedo),
+            g,
+            emission: None,
+        }
     }
 }
 
@@ -50,8 +59,9 @@ pub(crate) struct InteriorMedium {
     pub(super) scale: f32,
     pub(super) albedo: Lookup,
     /// It scatters nowhere.
-    pub(super) absorbs_only: bool,
+    pub(crate) absorbs_only: bool,
     pub(crate) g: f32,
+    pub(super) emission: Option<Lookup>,
 }
 
 /// The part of a ray in a medium.
@@ -80,7 +90,7 @@ impl InteriorMedium {
         factor: f32,
     ) -> Result<Self, PathtraceError> {
         let fail = |rule: String| Err(invalid(format!("medium {index}"), rule));
-        let BoundedMedium { extinction, scale, albedo, g } = medium;
+        let BoundedMedium { extinction, scale, albedo, g, emission } = medium;
         if g.is_nan() || g.abs() >= 1.0 {
             return fail(format!("its anisotropy is {g}; it must lie in (-1, 1)"));
         }
@@ -90,6 +100,7 @@ impl InteriorMedium {
         let positive = ("finite and not negative", |x: f32| (0.0..=f32::MAX).contains(&x));
         let share = ("in [0, 1]", |x: f32| (0.0..=1.0).contains(&x));
         let fault = extinction.fault("extinction", positive).or_else(|| albedo.fault("albedo", share));
+        let fault = fault.or_else(|| emission.as_ref().and_then(|e| e.fault("emission", emission::RULE)));
         if let Some(rule) = fault {
             return fail(rule);
         }
@@ -101,7 +112,8 @@ impl InteriorMedium {
             None => Extinction::Grid(Box::new(Self::grid(index, extinction, scale, (origin, factor))?)),
         };
         let absorbs_only = albedo.values.iter().all(|a| *a == Vec3f::zero());
-        Ok(Self { extinction, scale, albedo: Lookup::new(albedo, origin), absorbs_only, g })
+        let emission = emission.map(|e| Lookup::new(e, origin));
+        Ok(Self { extinction, scale, albedo: Lookup::new(albedo, origin), absorbs_only, g, emission })
     }
 
     fn grid(
@@ -110,7 +122,7 @@ impl InteriorMedium {
         scale: f32,
         (origin, factor): (DVec3, f32),
     ) -> Result<Medium, PathtraceError> {
-        if let Some(i) = field.values.iter().position(|v| !(v.x == v.y && v.y == v.z)) {
+        if let Some(i) = field.values.iter().position(|v| !is_grey(*v)) {
             let found = field.values[i].to_array();
             let rule = format!("extinction of voxel {i} is {found:?}; a grid of extinction must be grey");
             return Err(invalid(format!("medium {index}"), rule));
@@ -122,6 +134,7 @@ impl InteriorMedium {
             albedo: Vec3f::splat(1.0),
             albedos: Vec::new(),
             g: 0.0,
+            emission: None,
             transform: field.transform,
         };
         Medium::new(index, volume, origin, factor)
@@ -130,6 +143,7 @@ impl InteriorMedium {
     /// Takes the render frame at an origin.
     pub(crate) fn see_from(&mut self, origin: DVec3) {
         self.albedo.see_from(origin);
+        self.emission.iter_mut().for_each(|e| e.see_from(origin));
         if let Extinction::Grid(grid) = &mut self.extinction {
             grid.see_from(origin);
         }
@@ -141,18 +155,25 @@ impl InteriorMedium {
         self.albedo.at(p)
     }
 
-    /// Follows light of a throughput along a segment; it does not collide with what only absorbs. The numbers are for
-    /// closed forms, the generator for grids.
+    /// Follows light of a throughput along a segment up to a collision. The numbers are for closed forms, the generator for
+    /// grids.
     pub(crate) fn fly(&self, along: &Segment, throughput: Vec3f, numbers: [f32; 2], rng: &mut Rng) -> Flight {
-        if self.absorbs_only {
-            return Flight { collision: None, weight: self.transmittance(along, rng) };
-        }
         match &self.extinction {
             Extinction::Even { sigma, .. } => fly_evenly(*sigma, along.length, throughput, numbers),
             Extinction::Grid(grid) => {
                 let found = grid.collide(along.origin, along.direction, along.length, rng);
                 Flight { collision: found.map(|f| f.0), weight: Vec3f::splat(1.0) }
             }
+        }
+    }
+
+    /// Weight of light at a distance that a flight of this throughput ([`Self::fly`]) came to.
+    pub(crate) fn share_at(&self, t: f32, throughput: Vec3f) -> Vec3f {
+        match &self.extinction {
+            Extinction::Even { sigma, .. } if !is_grey(*sigma) => {
+                balanced(sigma.map(|s| survival(s, t)), throughput * (1.0 / throughput.sum()))
+            }
+            _ => Vec3f::splat(1.0),
         }
     }
 
@@ -186,7 +207,7 @@ fn fly_evenly(sigma: Vec3f, length: f32, throughput: Vec3f, [choice, u]: [f32; 2
     };
     let t = -(1.0 - u).ln() / drawn;
     let collides = t < length;
-    if sigma.x == sigma.y && sigma.y == sigma.z {
+    if is_grey(sigma) {
         return Flight { collision: collides.then_some(t), weight: Vec3f::splat(1.0) };
     }
     let distance = if collides { t } else { length };
@@ -194,11 +215,20 @@ fn fly_evenly(sigma: Vec3f, length: f32, throughput: Vec3f, [choice, u]: [f32; 2
     if collides {
         value = value.mul(sigma);
     }
+    let weight = balanced(value, share);
+    // Rounding may choose a colour that carries nothing.
+    let lives = weight != Vec3f::zero();
+    Flight { collision: (collides && lives).then_some(t), weight }
+}
+
+#[inline(always)]
+fn is_grey(v: Vec3f) -> bool {
+    v.x == v.y && v.y == v.z
+}
+
+/// What each channel has over what all have together, by their shares; 0 where that is nothing.
+#[inline(always)]
+fn balanced(value: Vec3f, share: Vec3f) -> Vec3f {
     let weight = value * (1.0 / value.dot(share));
-    if weight.is_finite() {
-        Flight { collision: collides.then_some(t), weight }
-    } else {
-        // Rounding chose a colour that carries nothing.
-        Flight { collision: None, weight: vec3(0.0, 0.0, 0.0) }
-    }
+    if weight.is_finite() { weight } else { Vec3f::zero() }
 }

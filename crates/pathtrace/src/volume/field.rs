@@ -1,6 +1,8 @@
 //! Colours in space.
 
+use super::Segment;
 use super::grid::{MAX_VOXELS, taps};
+use super::track::clip;
 use crate::world::to_glam;
 use glam::{Affine3A, DAffine3, DVec3};
 use photofit_scalar::{Vec3f, vec3};
@@ -58,7 +60,7 @@ impl Field {
 
 /// A field ready to be looked up; beyond the box of a grid the value at its border goes on.
 #[derive(Debug)]
-pub(super) struct Lookup {
+pub(crate) struct Lookup {
     size: [usize; 3],
     values: Vec<Vec3f>,
     /// The unit cube to the world.
@@ -105,9 +107,17 @@ impl Lookup {
         (0..8).filter(|i| weight[*i] != 0.0).for_each(|i| add(at[i], g * weight[i]));
     }
 
+    /// Distances along a ray between which it is in the box of a grid; the whole ray where nothing varies.
+    pub(super) fn span(&self, ray: &Segment) -> Option<[f32; 2]> {
+        if self.values.len() == 1 {
+            return Some([0.0, ray.length]);
+        }
+        clip(&self.inward, ray.origin, ray.direction, ray.length).map(|part| [part.from, part.to])
+    }
+
     /// The value at a point of the render frame.
     #[inline]
-    pub(super) fn at(&self, p: Vec3f) -> Vec3f {
+    pub(crate) fn at(&self, p: Vec3f) -> Vec3f {
         if let [constant] = self.values[..] {
             return constant;
         }

@@ -1,5 +1,7 @@
 //! A medium on a grid, and the coarse grid of upper bounds that its tracking walks.
 
+use super::field::Lookup;
+use super::{Field, emission};
 use crate::PathtraceError;
 use crate::error::invalid;
 use glam::{Affine3A, DAffine3, DVec3};
@@ -28,6 +30,9 @@ pub struct Volume {
     pub albedos: Vec<Vec3f>,
     /// Mean cosine of scattering, in `(-1, 1)`; positive scatters forward.
     pub g: f32,
+    /// Light that it sends out per unit of length, W/(m^3 sr), in the part of its box that the field covers, whatever the density
+    /// is there. `None`: none, and its derivative is not known.
+    pub emission: Option<Field>,
     /// The unit cube to the world.
     pub transform: DAffine3,
 }
@@ -42,6 +47,7 @@ impl Volume {
             albedo,
             albedos: Vec::new(),
             g,
+            emission: None,
             transform: DAffine3::from_translation(min) * DAffine3::from_scale(max - min),
         }
     }
@@ -62,6 +68,7 @@ pub(crate) struct Medium {
     albedo: Vec3f,
     albedos: Vec<Vec3f>,
     pub(crate) g: f32,
+    pub(super) emission: Option<Lookup>,
     /// Render frame to the unit cube.
     pub(super) inward: Affine3A,
     /// Cells of upper bounds along each axis.
@@ -102,6 +109,9 @@ impl Medium {
         if volume.g.is_nan() || volume.g.abs() >= 1.0 {
             return fail(format!("its anisotropy is {}; it must lie in (-1, 1)", volume.g));
         }
+        if let Some(rule) = volume.emission.as_ref().and_then(|e| e.fault("emission", emission::RULE)) {
+            return fail(rule);
+        }
         let transform = DAffine3::from_translation(-origin) * volume.transform;
         let inverse = transform.inverse();
         if !(transform.is_finite() && inverse.is_finite() && transform.matrix3.determinant() != 0.0) {
@@ -116,6 +126,7 @@ impl Medium {
             albedo: volume.albedo,
             albedos: volume.albedos,
             g: volume.g,
+            emission: volume.emission.map(|e| Lookup::new(e, origin)),
             inward: Affine3A::IDENTITY,
             cells: volume.size.map(|n| n.div_ceil(BLOCK)),
             majorants: Vec::new(),
@@ -202,6 +213,7 @@ impl Medium {
         let transform = DAffine3::from_translation(-origin) * self.transform;
         self.inward = crate::world::affine(&transform.inverse());
         self.bounds = crate::world::moved_box([DVec3::ZERO, DVec3::ONE], &transform);
+        self.emission.iter_mut().for_each(|e| e.see_from(origin));
     }
 
     /// A point of the render frame in the unit cube.

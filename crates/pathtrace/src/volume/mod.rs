@@ -2,6 +2,7 @@
 
 mod bounded;
 mod derivative;
+mod emission;
 mod field;
 mod grid;
 mod media;
@@ -17,6 +18,7 @@ pub use parameter::{MediumRef, MediumValue};
 
 pub(crate) use bounded::{InteriorMedium, Segment};
 pub(crate) use derivative::Derivatives;
+pub(crate) use emission::Glow;
 pub(crate) use grid::Medium;
 pub(crate) use media::Media;
 pub(crate) use phase::{phase, sample_phase};

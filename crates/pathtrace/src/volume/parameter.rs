@@ -24,6 +24,8 @@ pub enum MediumValue {
     /// [`crate::Volume::albedos`], without those [`crate::Volume::albedo`]; or [`crate::BoundedMedium::albedo`]. Three
     /// channels.
     Albedo,
+    /// [`crate::Volume::emission`] or [`crate::BoundedMedium::emission`], which must be there. Three channels.
+    Emission,
 }
 
 impl Media {
@@ -44,6 +46,12 @@ impl Media {
             return Err(absent(format!("{kind} {index}"), count));
         }
         Ok(match (medium, value) {
+            (_, MediumValue::Emission) => match self.emissions(medium).len() {
+                0 => {
+                    return Err("has no emission; it must have one, if only of zeros".into());
+                }
+                count => (count, 3),
+            },
             (MediumRef::Volume(i), MediumValue::Extinction) => (self.boxes[i].density().len(), 1),
             (MediumRef::Volume(i), MediumValue::Albedo) => (self.boxes[i].albedos().len(), 3),
             (MediumRef::Bounded(i), MediumValue::Extinction) => match &self.bounded[i].extinction {
@@ -61,6 +69,7 @@ impl Media {
     pub(crate) fn values(&self, medium: MediumRef, value: MediumValue) -> Vec<f32> {
         let colors = |values: &[Vec3f]| values.iter().flat_map(|v| v.to_array()).collect();
         match (medium, value) {
+            (_, MediumValue::Emission) => colors(self.emissions(medium)),
             (MediumRef::Volume(i), MediumValue::Extinction) => self.boxes[i].density().to_vec(),
             (MediumRef::Volume(i), MediumValue::Albedo) => colors(self.boxes[i].albedos()),
             (MediumRef::Bounded(i), MediumValue::Extinction) => match &self.bounded[i].extinction {
@@ -103,6 +112,7 @@ impl Media {
     ) -> Result<(), PathtraceError> {
         let colors = || -> Vec<Vec3f> { values.chunks_exact(3).map(|v| vec3(v[0], v[1], v[2])).collect() };
         match (medium, value) {
+            (_, MediumValue::Emission) => self.set_emissions(medium, &colors()),
             (MediumRef::Volume(i), MediumValue::Extinction) => self.boxes[i].set_density(i, values, factor),
             (MediumRef::Volume(i), MediumValue::Albedo) => self.boxes[i].set_albedos(i, &colors()),
             (MediumRef::Bounded(i), MediumValue::Extinction) => {

@@ -3,7 +3,7 @@
 
 use super::Medium;
 use crate::world::to_glam;
-use glam::Vec3A;
+use glam::{Affine3A, Vec3A};
 use photofit_sampling::Rng;
 use photofit_scalar::{Vec3f, vec3};
 
@@ -41,6 +41,32 @@ fn survive(through: f32, rng: &mut Rng) -> f32 {
     }
 }
 
+/// The part of a ray from 0 to `t_max` inside of the unit cube that `inward` leads to, if it has any.
+#[inline]
+pub(super) fn clip(inward: &Affine3A, origin: Vec3f, direction: Vec3f, t_max: f32) -> Option<Inside> {
+    // In the unit cube; `t` stays in units of the world because the transform is affine.
+    let origin = inward.transform_point3a(to_glam(origin));
+    let direction = inward.transform_vector3a(to_glam(direction));
+    let (mut from, mut to) = (0.0_f32, t_max);
+    let mut inverse = [0.0_f32; 3];
+    for k in 0..3 {
+        if direction[k] == 0.0 {
+            if !(0.0..=1.0).contains(&origin[k]) {
+                return None;
+            }
+            inverse[k] = f32::INFINITY;
+            continue;
+        }
+        inverse[k] = 1.0 / direction[k];
+        let (a, b) = (-origin[k] * inverse[k], (1.0 - origin[k]) * inverse[k]);
+        from = from.max(a.min(b));
+        to = to.min(a.max(b));
+    }
+    // Also where something is not a number.
+    let passes = from < to;
+    passes.then_some(Inside { origin, direction, inverse, from, to })
+}
+
 impl Medium {
     /// Distance of the first real collision within `t_max`, with the place in the unit cube.
     pub(crate) fn collide(
@@ -74,27 +100,7 @@ impl Medium {
     /// The part of a ray from 0 to `t_max` inside of the box, if it has any.
     #[inline]
     pub(crate) fn clip(&self, origin: Vec3f, direction: Vec3f, t_max: f32) -> Option<Inside> {
-        // In the unit cube; `t` stays in units of the world because the transform is affine.
-        let origin = self.inward.transform_point3a(to_glam(origin));
-        let direction = self.inward.transform_vector3a(to_glam(direction));
-        let (mut from, mut to) = (0.0_f32, t_max);
-        let mut inverse = [0.0_f32; 3];
-        for k in 0..3 {
-            if direction[k] == 0.0 {
-                if !(0.0..=1.0).contains(&origin[k]) {
-                    return None;
-                }
-                inverse[k] = f32::INFINITY;
-                continue;
-            }
-            inverse[k] = 1.0 / direction[k];
-            let (a, b) = (-origin[k] * inverse[k], (1.0 - origin[k]) * inverse[k]);
-            from = from.max(a.min(b));
-            to = to.min(a.max(b));
-        }
-        // Also where something is not a number.
-        let passes = from < to;
-        passes.then_some(Inside { origin, direction, inverse, from, to })
+        clip(&self.inward, origin, direction, t_max)
     }
 
     /// A distance inside of the box with a density proportional to an unbiased estimate of the transmittance from the

@@ -35,6 +35,9 @@ pub struct MitsubaMedium {
     pub albedo: MitsubaVolume,
     /// Mean cosine of scattering (Henyey and Greenstein); 0: isotropic.
     pub g: f32,
+    /// Light that it sends out per unit of length, whatever its extinction, within the box of a grid (our addition to
+    /// Mitsuba's format). `None`: none.
+    pub emission: Option<MitsubaVolume>,
 }
 
 impl Importer {
@@ -56,6 +59,8 @@ impl Importer {
         }
         let extinction = self.volume(element, "sigma_t", 1.0)?;
         let albedo = self.volume(element, "albedo", 0.75)?;
+        let emits = self.reader.has(element, "emission");
+        let emission = emits.then(|| self.volume(element, "emission", 0.0)).transpose()?;
         let scale = self.reader.float(element, "scale")?.unwrap_or(1.0) as f32;
         if scale < 0.0 {
             return Err(fault(
@@ -85,7 +90,7 @@ impl Importer {
             "" => format!("medium_{index}"),
             owner => format!("{owner}.{role}"),
         });
-        self.scene.media.push(MitsubaMedium { name, extinction, scale, albedo, g });
+        self.scene.media.push(MitsubaMedium { name, extinction, scale, albedo, g, emission });
         self.media.insert(element, index);
         Ok(Some(index))
     }

@@ -90,6 +90,11 @@ impl Reader {
         Ok(out)
     }
 
+    /// Whether there is a child with a name.
+    pub(super) fn has(&self, plugin: usize, name: &str) -> bool {
+        self.document.elements[plugin].children.iter().any(|c| self.document.elements[*c].name == name)
+    }
+
     /// The child with a name whose element (references followed) has one of the tags; marked as read.
     pub(super) fn property(&mut self, plugin: usize, name: &str, tags: &[&str]) -> Option<usize> {
         let mut found = None;

@@ -97,8 +97,16 @@ fn task() -> Result<Task> {
         * glam::DAffine3::from_scale(glam::DVec3::splat(2.0));
     let albedos = albedo.as_chunks::<3>().0.iter().map(|a| Vec3f::from_array(*a)).collect();
     let (size, white) = ([VOXELS; 3], Vec3f::splat(1.0));
-    let volume =
-        Volume { size, density: density.clone(), scale: SCALE, albedo: white, albedos, g: 0.0, transform };
+    let volume = Volume {
+        size,
+        density: density.clone(),
+        scale: SCALE,
+        albedo: white,
+        albedos,
+        g: 0.0,
+        emission: None,
+        transform,
+    };
     // Light and dark behind the cloud tell density from albedo, which light from all around alone would not.
     let sky = Image::from_fn(8, 4, 3, |x, y, _| if (x + y) % 2 == 0 { 0.9 } else { 0.1 });
     let sun = LightSource::Directional { direction: vec3(0.3, 1.0, 0.4), irradiance: Vec3f::splat(6.0) };

@@ -28,7 +28,7 @@ fn puffs(side: usize) -> Volume {
         }
     }
     let (size, scale, albedo) = ([side; 3], 1.0, Vec3f::splat(1.0));
-    Volume { size, density, scale, albedo, albedos, g: 0.0, transform: unit_box() }
+    Volume { size, density, scale, albedo, albedos, g: 0.0, emission: None, transform: unit_box() }
 }
 
 /// The puffs in the sun before a sky of light and dark fields, seen from around.

@@ -153,6 +153,7 @@ fn values_are_read_and_replaced() {
             assert_eq!(world.parameter(&parameter).unwrap(), new);
             match value {
                 MediumValue::Extinction => c.density = new.iter().step_by(channels).copied().collect(),
+                MediumValue::Emission => unreachable!("no emission"),
                 MediumValue::Albedo => c.albedo = new.chunks(3).map(|v| vec3(v[0], v[1], v[2])).collect(),
             }
         }
