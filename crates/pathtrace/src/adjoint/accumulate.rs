@@ -81,6 +81,14 @@ impl Accumulator {
         }
     }
 
+    /// Notes what is left of a path's light where nothing should be.
+    pub(super) fn leave(&mut self, left: &[f64; 3], whole: &[f64; 3]) {
+        for (left, whole) in left.iter().zip(whole) {
+            let left = left.abs() / whole.abs().max(f64::from(f32::MIN_POSITIVE));
+            self.residual = larger(self.residual, left);
+        }
+    }
+
     /// Ends the task: cells in their order, without the table.
     pub(super) fn finish(&mut self) {
         self.slots = Vec::new();
@@ -111,6 +119,11 @@ impl Accumulator {
             }
         }
     }
+}
+
+/// The larger one; not a number where one of them is not.
+pub(super) fn larger(a: f64, b: f64) -> f64 {
+    if a.is_nan() || a > b { a } else { b }
 }
 
 /// The slot of a cell, or the one where it belongs; there are free ones, and their number is a power of two.

@@ -3,7 +3,9 @@
 //! A cell holds up to three channels. Parameters of few cells come first: they are summed densely by every task; the
 //! cells of large images are summed in tables of those that are touched.
 
-use super::parameter::{MaterialValue, Parameter, VALUES, library_material, maps_of, not_differentiable};
+use super::parameter::{
+    MaterialValue, Parameter, VALUES, directs, library_material, maps_of, not_differentiable,
+};
 use crate::PathtraceError;
 use crate::error::{absent, invalid};
 use crate::volume::{Derivatives, MediumRef, MediumValue};
@@ -25,6 +27,8 @@ pub(super) struct MaterialCells {
     pub(super) graph: Vec<u32>,
     /// Some parameter changes how it scatters.
     pub(super) scatters: bool,
+    /// Some parameter decides where it scatters light to, and not only how much of it.
+    pub(super) directs: bool,
 }
 
 impl MaterialCells {
@@ -103,7 +107,12 @@ impl Layout {
         }
         let material = |i: usize| {
             let graph = world.materials[i].graph.as_ref().map_or(0, |g| g.textures().len());
-            MaterialCells { values: [NONE; VALUES], graph: vec![NONE; graph], scatters: false }
+            MaterialCells {
+                values: [NONE; VALUES],
+                graph: vec![NONE; graph],
+                scatters: false,
+                directs: false,
+            }
         };
         let mut out = Self {
             ranges,
@@ -148,6 +157,13 @@ impl Layout {
                         value,
                         MaterialValue::Emission | MaterialValue::Absorption | MaterialValue::Emissive
                     );
+                    cells.directs |= matches!(
+                        value,
+                        MaterialValue::Alpha
+                            | MaterialValue::AlphaU
+                            | MaterialValue::AlphaV
+                            | MaterialValue::Roughness
+                    );
                     self.absorption |= *value == MaterialValue::Absorption;
                 }
             }
@@ -156,6 +172,7 @@ impl Layout {
                 for (cells, given) in self.materials.iter_mut().zip(&world.given) {
                     if let Some(m) = library_material(given) {
                         cells.scatters |= maps_of(world, m, *texture).1;
+                        cells.directs |= directs(world, m, *texture);
                     }
                 }
             }
@@ -166,6 +183,7 @@ impl Layout {
                     let graph = world.materials[m].graph.as_ref();
                     let emission = t == last && graph.is_some_and(|g| g.emission.is_some());
                     self.materials[m].scatters |= !emission;
+                    self.materials[m].directs |= graph.is_some_and(|g| g.directs_light()[t]);
                 }
             }
             Parameter::Light { light } => put(&mut self.lights[*light]),

@@ -33,15 +33,14 @@ use crate::plan::{self, Features};
 use crate::random::{PathRandom, PixelRandom};
 use crate::render::{RenderOptions, Renderer, film_point, ray_through};
 use crate::world::{World, WorldRay};
-use accumulate::Accumulator;
+use accumulate::{Accumulator, larger};
 use layout::Layout;
 use photofit_image::Image;
 use photofit_sampling::{DirectionSampler, ScatteringSampler, hash};
 use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 use replay::{Replay, Total};
-use tape::{Recorder, Tape};
-use volume::MediaReplay;
+use tape::Recorder;
 
 /// Samples of a pixel in one task, and tasks between two reductions: bounds on what waits to be summed.
 const SAMPLES: u32 = 8;
@@ -303,18 +302,7 @@ impl<'a> Adjoint<'a> {
                 let last = task.first.saturating_add(SAMPLES).min(spp);
                 // Flights through media that have parameters are not kept.
                 let kept = if self.layout.media { 0 } else { self.kept };
-                let mut replay = Replay {
-                    world: self.world,
-                    layout: &self.layout,
-                    out: &mut out,
-                    loss: Vec3f::zero(),
-                    rest: [0.0; 3],
-                    tape: Tape::new(kept),
-                    surfaces: Vec::new(),
-                    here: None,
-                    shadow: Vec::new(),
-                    media: MediaReplay::default(),
-                };
+                let mut replay = Replay::new(self.world, &self.layout, &mut out, kept);
                 for y in task.y..(task.y + TILE).min(h) {
                     for x in task.x..(task.x + TILE).min(w) {
                         let own = loss.pixel(x, y);
@@ -393,32 +381,25 @@ fn replay<const F: u32, D: DirectionSampler>(
     let mut tape = std::mem::take(&mut replay.tape);
     tape.begin();
     replay.surfaces.clear();
+    replay.before.clear();
+    let before = &mut replay.before;
+    let light = Total { world, layout: replay.layout, radiance: [0.0; 3], before };
     let total = if tape.is_whole() {
-        let (surfaces, layout) = (&mut replay.surfaces, replay.layout);
-        let sink = Recorder { world, layout, tape: &mut tape, surfaces, radiance: [0.0; 3] };
-        walk::<F, _, _>(world, ray, random, options, sampler, sink).1.radiance
+        let sink = Recorder { light, tape: &mut tape, surfaces: &mut replay.surfaces };
+        walk::<F, _, _>(world, ray, random, options, sampler, sink).1.light.radiance
     } else {
-        walk::<F, _, _>(world, ray, random, options, sampler, Total::default()).1.radiance
+        walk::<F, _, _>(world, ray, random, options, sampler, light).1.radiance
     };
-    (replay.rest, replay.here) = (total, None);
-    replay.shadow.clear();
-    replay.media.begin(random);
+    replay.begin(total, random);
     if tape.is_whole() {
         tape.play(replay);
     } else {
+        replay.surfaces.clear();
         walk::<F, _, _>(world, ray, random, options, sampler, &mut *replay);
     }
+    replay.end();
     replay.tape = tape;
-    for (rest, whole) in replay.rest.iter().zip(total) {
-        let left = rest.abs() / whole.abs().max(f64::from(f32::MIN_POSITIVE));
-        replay.out.residual = larger(replay.out.residual, left);
-    }
     if F & plan::VOLUMES != 0 && replay.layout.media {
         replay.scattered_anew::<F, D>(random, options, sampler);
     }
-}
-
-/// The larger one; not a number where one of them is not.
-fn larger(a: f64, b: f64) -> f64 {
-    if a.is_nan() || a > b { a } else { b }
 }

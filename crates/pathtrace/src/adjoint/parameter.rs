@@ -148,6 +148,13 @@ pub(super) fn maps_of(world: &World, material: usize, texture: usize) -> (bool, 
     (scatters || reads(MapKind::Emissive), scatters)
 }
 
+/// Whether a texture decides where light is scattered to by a library material: by its roughness or its normals.
+pub(super) fn directs(world: &World, material: usize, texture: usize) -> bool {
+    let Some(library) = &world.library else { return false };
+    let reads = |map| library.texture_of(material, map) == Some(texture);
+    [MapKind::MetallicRoughness, MapKind::Normal].into_iter().any(reads)
+}
+
 /// Whether a material as it was given scatters by a library material.
 pub(super) fn library_material(material: &Material) -> Option<usize> {
     match material.scattering {

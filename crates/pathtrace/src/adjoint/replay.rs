@@ -11,6 +11,7 @@ use super::tape::Tape;
 use super::volume::MediaReplay;
 use crate::integrator::{Contribution, Found, MediaFlight, PathVertex, ShadowFlight, Sink, SurfaceVisit};
 use crate::light::LightOrigin;
+use crate::random::PathRandom;
 use crate::volume::Derivatives;
 use crate::world::{Interaction, SurfaceMaterial, World};
 use photofit_scalar::{Vec3f, Vec4f, vec3};
@@ -18,15 +19,40 @@ use photofit_scene::graph::SurfacePoint;
 use photofit_scene::{SampleGradient, SampleSink};
 use photofit_shading::bsdf::{Bsdf, BsdfGradient};
 
-/// The light of a path.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Total {
-    pub(super) radiance: [f64; 3],
+/// Ways that a path takes from a first surface whose parameters decide where light goes. Derivatives of a density have both
+/// signs, which cancel among directions that are stratified; the rest of the path before it is shared.
+const WAYS: u32 = 4;
+
+/// How many ways a path takes from a surface.
+#[inline(always)]
+pub(super) fn ways(world: &World, layout: &Layout, visit: &SurfaceVisit<'_>) -> u32 {
+    let material = world.placed[visit.interaction.instance as usize].material;
+    if layout.materials[material as usize].directs { WAYS } else { 1 }
 }
 
-impl Sink for Total {
+/// The light of a path, and of the part before each of its ways.
+#[derive(Debug)]
+pub(super) struct Total<'a> {
+    pub(super) world: &'a World,
+    pub(super) layout: &'a Layout,
+    pub(super) radiance: [f64; 3],
+    pub(super) before: &'a mut Vec<[f64; 3]>,
+}
+
+impl Sink for Total<'_> {
     // The replay asks for it, and both walks are one.
     const SURFACES: bool = true;
+    const WAYS: bool = true;
+
+    #[inline(always)]
+    fn ways(&self, first: &SurfaceVisit<'_>) -> u32 {
+        ways(self.world, self.layout, first)
+    }
+
+    #[inline(always)]
+    fn way(&mut self) {
+        self.before.push(self.radiance);
+    }
 
     #[inline(always)]
     fn contribution(&mut self, light: &Contribution) {
@@ -39,6 +65,11 @@ pub(super) fn add(sum: &mut [f64; 3], value: Vec3f, sign: f64) {
     for (s, v) in sum.iter_mut().zip(value.to_array()) {
         *s += sign * f64::from(v);
     }
+}
+
+#[inline(always)]
+fn subtract(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|c| a[c] - b[c])
 }
 
 /// A surface of the path that has parameters.
@@ -85,8 +116,14 @@ pub(super) struct Replay<'a> {
     pub(super) out: &'a mut Accumulator,
     /// Derivative of the loss with respect to the radiance of the path.
     pub(super) loss: Vec3f,
-    /// Light that the path has still to find.
+    /// The light of the path, and of its part before each of its ways.
+    pub(super) total: [f64; 3],
+    pub(super) before: Vec<[f64; 3]>,
+    /// Light that the path, or its present way, has still to find.
     pub(super) rest: [f64; 3],
+    /// Ways that have begun, and the place of the surface that they begin at.
+    way: usize,
+    first: Option<usize>,
     /// What the first walk keeps of the path.
     pub(super) tape: Tape,
     /// The surfaces of the path that are kept, and the present one among them, if it has parameters.
@@ -100,6 +137,7 @@ pub(super) struct Replay<'a> {
 
 impl Sink for Replay<'_> {
     const SURFACES: bool = true;
+    const WAYS: bool = true;
     const MEDIA: bool = true;
 
     fn flight(&mut self, flight: &MediaFlight) {
@@ -114,10 +152,31 @@ impl Sink for Replay<'_> {
         }
     }
 
+    fn ways(&self, first: &SurfaceVisit<'_>) -> u32 {
+        ways(self.world, self.layout, first)
+    }
+
+    fn way(&mut self) {
+        // The light of all ways, or the rest of the one before.
+        let end = self.before.get(self.way + 1).unwrap_or(&self.total);
+        let start = self.before[self.way];
+        let left =
+            if self.way == 0 { subtract(&self.rest, &subtract(&self.total, &start)) } else { self.rest };
+        self.out.leave(&left, &self.total);
+        self.rest = subtract(end, &start);
+        if self.way == 0 {
+            self.first = self.here;
+        }
+        self.here = self.first;
+        self.way += 1;
+    }
+
     fn surface(&mut self, visit: &SurfaceVisit<'_>) {
-        self.surfaces.clear();
+        // The one that all ways begin at stays.
+        self.surfaces.truncate(self.first.map_or(0, |first| first + 1));
+        let place = self.surfaces.len();
         self.surfaces.extend(Here::new(self.world, self.layout, visit));
-        self.here = (!self.surfaces.is_empty()).then_some(0);
+        self.here = (self.surfaces.len() > place).then_some(place);
     }
 
     fn absorbed(&mut self, material: u32, length: f32) {
@@ -175,6 +234,41 @@ impl Sink for Replay<'_> {
 
     fn not_finite(&mut self) {
         self.out.not_finite += 1;
+    }
+}
+
+impl<'a> Replay<'a> {
+    /// Of no path yet; what the first walks keep has at most `kept` reports.
+    pub(super) fn new(world: &'a World, layout: &'a Layout, out: &'a mut Accumulator, kept: usize) -> Self {
+        Self {
+            world,
+            layout,
+            out,
+            loss: Vec3f::zero(),
+            total: [0.0; 3],
+            before: Vec::new(),
+            rest: [0.0; 3],
+            way: 0,
+            first: None,
+            tape: Tape::new(kept),
+            surfaces: Vec::new(),
+            here: None,
+            shadow: Vec::new(),
+            media: MediaReplay::default(),
+        }
+    }
+
+    /// Begins the replay of a path of this light.
+    pub(super) fn begin(&mut self, total: [f64; 3], random: &PathRandom) {
+        (self.total, self.rest) = (total, total);
+        (self.way, self.first, self.here) = (0, None, None);
+        self.shadow.clear();
+        self.media.begin(random);
+    }
+
+    /// Ends it.
+    pub(super) fn end(&mut self) {
+        self.out.leave(&self.rest, &self.total);
     }
 }
 

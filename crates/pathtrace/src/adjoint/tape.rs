@@ -2,10 +2,8 @@
 //!
 //! A tape has a fixed size: longer paths are walked again, and memory does not grow with the length of paths.
 
-use super::layout::Layout;
-use super::replay::{Here, Replay, add};
+use super::replay::{Here, Replay, Total};
 use crate::integrator::{Contribution, PathVertex, Sink, SurfaceVisit};
-use crate::world::World;
 
 /// Reports that are kept of one path: four for every scattering event.
 pub(super) const LENGTH: usize = 96;
@@ -19,6 +17,7 @@ enum Report {
     ShadowAbsorbed(u32, f32),
     Contribution(Contribution),
     Vertex(PathVertex),
+    Way,
     NotFinite,
 }
 
@@ -67,6 +66,7 @@ impl Tape {
                 Report::ShadowAbsorbed(material, length) => replay.shadow_absorbed(*material, *length),
                 Report::Contribution(light) => replay.contribution(light),
                 Report::Vertex(vertex) => replay.vertex(vertex),
+                Report::Way => replay.way(),
                 Report::NotFinite => replay.not_finite(),
             }
         }
@@ -76,24 +76,33 @@ impl Tape {
 /// The first walk of a path: sums up its light and keeps its reports.
 #[derive(Debug)]
 pub(super) struct Recorder<'a> {
-    pub(super) world: &'a World,
-    pub(super) layout: &'a Layout,
+    pub(super) light: Total<'a>,
     pub(super) tape: &'a mut Tape,
     /// Surfaces that have parameters.
     pub(super) surfaces: &'a mut Vec<Here>,
-    /// The light of the path.
-    pub(super) radiance: [f64; 3],
 }
 
 impl Sink for Recorder<'_> {
     const SURFACES: bool = true;
+    const WAYS: bool = true;
+
+    #[inline(always)]
+    fn ways(&self, first: &SurfaceVisit<'_>) -> u32 {
+        self.light.ways(first)
+    }
+
+    #[inline(always)]
+    fn way(&mut self) {
+        self.light.way();
+        self.tape.push(Report::Way);
+    }
 
     #[inline(always)]
     fn surface(&mut self, visit: &SurfaceVisit<'_>) {
         if self.tape.cut {
             return;
         }
-        let here = Here::new(self.world, self.layout, visit);
+        let here = Here::new(self.light.world, self.light.layout, visit);
         let place = here.is_some().then_some(self.surfaces.len());
         self.surfaces.extend(here);
         self.tape.push(Report::Surface(place));
@@ -111,7 +120,7 @@ impl Sink for Recorder<'_> {
 
     #[inline(always)]
     fn contribution(&mut self, light: &Contribution) {
-        add(&mut self.radiance, light.value, 1.0);
+        self.light.contribution(light);
         self.tape.push(Report::Contribution(*light));
     }
 

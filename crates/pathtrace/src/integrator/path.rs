@@ -42,7 +42,7 @@ pub(super) struct Departure {
 /// The state of a path between two vertices.
 pub(super) struct Path<'a, const F: u32, S, D> {
     pub(super) world: &'a World,
-    pub(super) random: &'a PathRandom,
+    pub(super) random: PathRandom,
     pub(super) options: &'a PathOptions,
     /// Chooses the directions at surfaces.
     pub(super) sampler: &'a D,
@@ -63,6 +63,8 @@ pub(super) struct Path<'a, const F: u32, S, D> {
     pub(super) depth: u32,
     /// The numbers of the next direction are stratified together with those of the last one.
     together: bool,
+    /// It is one of several ways ([`Self::take_ways`]).
+    parted: bool,
 }
 
 /// The picture's part of a path; what `F` lacks is not compiled in.
@@ -122,7 +124,7 @@ pub(crate) fn walk<const F: u32, S: Sink, D: DirectionSampler>(
     sink: S,
 ) -> (f32, S) {
     let mut path = Path::<F, S, D>::new(world, ray, random, options, sampler, sink);
-    let alpha = path.go_on();
+    let alpha = path.go_on(0);
     if F & plan::ALPHA != 0
         && S::FIRST
         && let Some(first) = seen_through::<F>(world, ray, options)
@@ -138,14 +140,14 @@ impl<'a, const F: u32, S: Sink, D: DirectionSampler> Path<'a, F, S, D> {
     pub(super) fn new(
         world: &'a World,
         ray: &WorldRay,
-        random: &'a PathRandom,
+        random: &PathRandom,
         options: &'a PathOptions,
         sampler: &'a D,
         sink: S,
     ) -> Self {
         Self {
             world,
-            random,
+            random: *random,
             options,
             sampler,
             sink,
@@ -158,23 +160,25 @@ impl<'a, const F: u32, S: Sink, D: DirectionSampler> Path<'a, F, S, D> {
             flown: 0,
             depth: 0,
             together: false,
+            parted: false,
         }
     }
 
     /// Follows a path that has just scattered in a medium to its end.
     pub(super) fn follow(&mut self) {
         if self.roulette() {
-            self.go_on();
+            self.go_on(0);
         }
     }
 
-    /// Walks to the end of the path. Returns 1 if the camera sees something, else 0.
+    /// Walks to the end of the path, after `crossings` of surfaces that are not there. Returns 1 if the camera sees something,
+    /// else 0.
     #[inline(always)]
-    fn go_on(&mut self) -> f32 {
+    fn go_on(&mut self, mut crossings: u32) -> f32 {
         let world = self.world;
-        let (mut alpha, mut crossings) = (0.0, 0);
+        let mut alpha = 0.0;
         loop {
-            let hit = closest::<F>(world, &self.ray, self.random, 2 * (self.depth + crossings));
+            let hit = closest::<F>(world, &self.ray, &self.random, 2 * (self.depth + crossings));
             if F & plan::VOLUMES != 0 {
                 match self.collide(hit.as_ref(), crossings) {
                     Event::Scattered => {
@@ -236,6 +240,13 @@ impl<'a, const F: u32, S: Sink, D: DirectionSampler> Path<'a, F, S, D> {
             if (self.depth >= self.options.max_depth && !crossable) || crossings > MAX_CROSSINGS {
                 break;
             }
+            if S::WAYS && self.depth == 0 && !self.parted {
+                let ways = self.sink.ways(&SurfaceVisit { interaction: &at, wo, material: &material });
+                if ways > 1 {
+                    self.take_ways(&at, &material, crossings, ways);
+                    break;
+                }
+            }
             match self.scatter(&at, &material, crossings) {
                 Step::Scattered => {
                     self.depth += 1;
@@ -248,6 +259,36 @@ impl<'a, const F: u32, S: Sink, D: DirectionSampler> Path<'a, F, S, D> {
             }
         }
         alpha
+    }
+
+    /// Takes several ways from the first surface to their ends, each with its share of the light; light is chosen once.
+    #[inline(never)]
+    fn take_ways(&mut self, at: &Interaction, material: &SurfaceMaterial<'_>, crossings: u32, count: u32) {
+        self.parted = true;
+        self.with_light(at, material, |path, vertex, local, from| {
+            let (random, ray, inside, medium) = (path.random, path.ray, path.inside, path.medium);
+            let (throughput, unseen, last, flown) = (path.throughput, path.unseen, path.last, path.flown);
+            for index in 0..count {
+                path.random = random.way(index, count);
+                (path.ray, path.inside, path.medium) = (ray, inside, medium);
+                (path.last, path.flown, path.depth, path.together) = (last, flown, 0, false);
+                // Roulette is blind to the share.
+                (path.throughput, path.unseen) = (throughput * (1.0 / count as f32), unseen * count as f32);
+                path.sink.way();
+                match path.choose(at, material, (vertex, local, from), crossings) {
+                    Step::Scattered => {
+                        path.depth = 1;
+                        if path.depth <= path.options.max_depth && path.roulette() {
+                            path.go_on(crossings);
+                        }
+                    }
+                    Step::Crossed => {
+                        path.go_on(crossings + 1);
+                    }
+                    Step::Ended => {}
+                }
+            }
+        });
     }
 }
 
@@ -382,6 +423,19 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
     /// Next-event estimation and a new direction at a surface, after `crossings` that were not there.
     #[inline(always)]
     fn scatter(&mut self, at: &Interaction, material: &SurfaceMaterial<'_>, crossings: u32) -> Step {
+        self.with_light(at, material, |path, vertex, local, from| {
+            path.choose(at, material, (vertex, local, from), crossings)
+        })
+    }
+
+    /// Next-event estimation at a surface, then what `go_on` does there.
+    #[inline(always)]
+    fn with_light<T>(
+        &mut self,
+        at: &Interaction,
+        material: &SurfaceMaterial<'_>,
+        go_on: impl FnOnce(&mut Self, &Vertex<'_, SurfaceScattering<'_>>, &D::Local, Receiver) -> T,
+    ) -> T {
         let wo = -self.ray.direction;
         let facing = if material.transmits() { Facing::Both(material.n) } else { Facing::Front(material.n) };
         let from = Receiver { p: at.p, facing };
@@ -391,7 +445,20 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
         if !material.is_delta() {
             self.light_at_surface(at, &vertex, &local, &from);
         }
-        let has_lobes = self.sampler.has_lobes(&vertex);
+        go_on(self, &vertex, &local, from)
+    }
+
+    /// A new direction at a surface.
+    #[inline(always)]
+    fn choose(
+        &mut self,
+        at: &Interaction,
+        material: &SurfaceMaterial<'_>,
+        (vertex, local, from): (&Vertex<'_, SurfaceScattering<'_>>, &D::Local, Receiver),
+        crossings: u32,
+    ) -> Step {
+        let wo = vertex.wo;
+        let has_lobes = self.sampler.has_lobes(vertex);
         let lobe = if self.is_pane(at.instance) {
             // The numbers of this event are still needed behind the pane.
             self.random.surface(2 * (self.depth + crossings), PANE | u64::from(at.instance))
@@ -406,7 +473,7 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
             self.random.scatter(self.depth)
         };
         self.together = self.depth == 0 && !has_lobes;
-        let Some(sample) = self.sampler.sample(&vertex, &local, lobe, u) else { return Step::Ended };
+        let Some(sample) = self.sampler.sample(vertex, local, lobe, u) else { return Step::Ended };
         let (wi, crosses) = (sample.wi, sample.transmitted);
         if sample.weight == Vec3f::zero() {
             return Step::Ended;
@@ -526,7 +593,7 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
             Passed::Medium(flight) if S::MEDIA => sink.shadow_flight(&flight),
             _ => {}
         };
-        let random = (self.random, index);
+        let random = (&self.random, index);
         let through = transmittance::<F>(self.world, p, surface, light, around, random, passed);
         self.sink.contribution(&Contribution {
             found: Found::NextEvent,

@@ -145,6 +145,21 @@ pub trait Sink {
     #[inline(always)]
     fn surface(&mut self, _visit: &SurfaceVisit<'_>) {}
 
+    /// Whether [`Self::ways`] is asked.
+    const WAYS: bool = false;
+
+    /// How many ways the path takes from the first surface that may scatter it, at least 1; each carries its share of the
+    /// light.
+    #[inline(always)]
+    fn ways(&self, _first: &SurfaceVisit<'_>) -> u32 {
+        1
+    }
+
+    /// One of several ways begins at the first surface, whose own light and chosen light are told already; what follows, up to the
+    /// next call or the end, belongs to it.
+    #[inline(always)]
+    fn way(&mut self) {}
+
     /// A length of the way, in the render frame, lay in the absorbing solid of a material; [`Self::attenuate`] with its
     /// factor follows.
     #[inline(always)]
@@ -312,6 +327,18 @@ impl Sink for TrainingSink {
 
 impl<S: Sink> Sink for &mut S {
     const FIRST: bool = S::FIRST;
+    const WAYS: bool = S::WAYS;
+
+    #[inline(always)]
+    fn ways(&self, first: &SurfaceVisit<'_>) -> u32 {
+        (**self).ways(first)
+    }
+
+    #[inline(always)]
+    fn way(&mut self) {
+        (**self).way();
+    }
+
     const SURFACES: bool = S::SURFACES;
     const MEDIA: bool = S::MEDIA;
 

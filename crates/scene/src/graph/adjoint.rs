@@ -34,8 +34,25 @@ impl SurfaceGraph {
     /// Whether each of [`Self::textures`] has a gradient by [`Self::resolve_vjp`] or [`Self::emission_vjp`].
     pub fn differentiable(&self) -> Vec<bool> {
         let mut out = Vec::new();
-        self.root.differentiable(&mut out);
+        self.root.mark(&mut out, &|leaf, k, texture| {
+            texture.texels().is_some()
+                && match leaf {
+                    SurfaceNode::Diffuse { .. } => true,
+                    // Index of refraction and absorption come first; smooth metals are delta lobes.
+                    SurfaceNode::Conductor { rough, .. } => rough.is_some() && k >= 2,
+                    _ => false,
+                }
+        });
         out.extend(self.emission.iter().map(|e| e.texels().is_some()));
+        out
+    }
+
+    /// Whether each of [`Self::textures`] decides where light is scattered to, and not only how much of it: the alphas of
+    /// rough metals.
+    pub fn directs_light(&self) -> Vec<bool> {
+        let mut out = Vec::new();
+        self.root.mark(&mut out, &|leaf, k, _| matches!(leaf, SurfaceNode::Conductor { .. }) && k >= 3);
+        out.extend(self.emission.iter().map(|_| false));
         out
     }
 
@@ -85,31 +102,25 @@ impl SurfaceGraph {
 }
 
 impl SurfaceNode {
-    /// In the order of [`Self::textures`]; as [`SurfaceGraph::resolve_vjp`] walks.
-    fn differentiable(&self, out: &mut Vec<bool>) {
+    /// What `of` says of each texture of the leaves, by its number there; false for all others. In the order of
+    /// [`Self::textures`]; as [`SurfaceGraph::resolve_vjp`] walks.
+    fn mark(&self, out: &mut Vec<bool>, of: &impl Fn(&Self, usize, &Texture) -> bool) {
         match self {
             Self::TwoSided { front, back } => {
-                front.differentiable(out);
-                back.iter().for_each(|b| b.differentiable(out));
+                front.mark(out, of);
+                back.iter().for_each(|b| b.mark(out, of));
             }
             Self::Mask { inner, .. } | Self::Bump { inner, .. } | Self::NormalMap { inner, .. } => {
                 out.push(false);
-                inner.differentiable(out);
+                inner.mark(out, of);
             }
             Self::Blend { inner, .. } => {
                 out.push(false);
-                inner.iter().for_each(|i| i.differentiable(out));
+                inner.iter().for_each(|i| i.mark(out, of));
             }
             leaf => {
-                let first = out.len();
-                leaf.textures(&mut |t| out.push(t.texels().is_some()));
-                let has = |k: usize| match leaf {
-                    Self::Diffuse { .. } => true,
-                    // Index of refraction and absorption come first; smooth metals are delta lobes.
-                    Self::Conductor { rough, .. } => rough.is_some() && k >= 2,
-                    _ => false,
-                };
-                out[first..].iter_mut().enumerate().for_each(|(k, own)| *own &= has(k));
+                let mut k = 0..;
+                leaf.textures(&mut |t| out.push(k.next().is_some_and(|k| of(leaf, k, t))));
             }
         }
     }
