@@ -17,6 +17,7 @@ mod accumulate;
 mod layout;
 mod parameter;
 mod replay;
+mod surface;
 mod tape;
 mod values;
 mod volume;

@@ -7,28 +7,17 @@
 use super::accumulate::Accumulator;
 use super::layout::{Layout, NONE};
 use super::parameter::MaterialValue;
+use super::surface::{Here, Texels, ways};
 use super::tape::Tape;
 use super::volume::MediaReplay;
 use crate::integrator::{Contribution, Found, MediaFlight, PathVertex, ShadowFlight, Sink, SurfaceVisit};
 use crate::light::LightOrigin;
 use crate::random::PathRandom;
 use crate::volume::Derivatives;
-use crate::world::{Interaction, SurfaceMaterial, World};
+use crate::world::World;
 use photofit_scalar::{Vec3f, Vec4f, vec3};
+use photofit_scene::SampleGradient;
 use photofit_scene::graph::SurfacePoint;
-use photofit_scene::{SampleGradient, SampleSink};
-use photofit_shading::bsdf::{Bsdf, BsdfGradient};
-
-/// Ways that a path takes from a first surface whose parameters decide where light goes. Derivatives of a density have both
-/// signs, which cancel among directions that are stratified; the rest of the path before it is shared.
-const WAYS: u32 = 4;
-
-/// How many ways a path takes from a surface.
-#[inline(always)]
-pub(super) fn ways(world: &World, layout: &Layout, visit: &SurfaceVisit<'_>) -> u32 {
-    let material = world.placed[visit.interaction.instance as usize].material;
-    if layout.materials[material as usize].directs { WAYS } else { 1 }
-}
 
 /// The light of a path, and of the part before each of its ways.
 #[derive(Debug)]
@@ -70,43 +59,6 @@ pub(super) fn add(sum: &mut [f64; 3], value: Vec3f, sign: f64) {
 #[inline(always)]
 fn subtract(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
     [0, 1, 2].map(|c| a[c] - b[c])
-}
-
-/// A surface of the path that has parameters.
-#[derive(Debug)]
-pub(super) struct Here {
-    pub(super) at: Interaction,
-    pub(super) wo: Vec3f,
-    pub(super) material: u32,
-    bsdf: Bsdf<f32>,
-    second: Option<(Bsdf<f32>, f32)>,
-    bent: Option<(Vec3f, f32)>,
-    frame: [Vec3f; 3],
-}
-
-impl Here {
-    /// What is kept of a visit; `None` where no parameter changes how the surface scatters.
-    #[inline(always)]
-    pub(super) fn new(world: &World, layout: &Layout, visit: &SurfaceVisit<'_>) -> Option<Self> {
-        let material = world.placed[visit.interaction.instance as usize].material;
-        let m = visit.material;
-        layout.materials[material as usize].scatters.then(|| Self {
-            at: *visit.interaction,
-            wo: visit.wo,
-            material,
-            bsdf: *m.bsdf,
-            second: m.second.copied(),
-            bent: m.bent,
-            frame: [m.s, m.t, m.n],
-        })
-    }
-
-    /// The material there.
-    pub(super) fn surface(&self) -> SurfaceMaterial<'_> {
-        let [s, t, n] = self.frame;
-        let (bsdf, second, bent) = (&self.bsdf, self.second.as_ref(), self.bent);
-        SurfaceMaterial { bsdf, second, bent, s, t, n, emission: Vec3f::zero() }
-    }
 }
 
 /// Accumulates gradients along one path.
@@ -173,7 +125,7 @@ impl Sink for Replay<'_> {
 
     fn surface(&mut self, visit: &SurfaceVisit<'_>) {
         // The one that all ways begin at stays.
-        self.surfaces.truncate(self.first.map_or(0, |first| first + 1));
+        self.settle(self.first.map_or(0, |first| first + 1));
         let place = self.surfaces.len();
         self.surfaces.extend(Here::new(self.world, self.layout, visit));
         self.here = (self.surfaces.len() > place).then_some(place);
@@ -268,59 +220,13 @@ impl<'a> Replay<'a> {
 
     /// Ends it.
     pub(super) fn end(&mut self) {
+        self.settle(self.first.map_or(0, |first| first + 1));
+        self.settle(0);
         self.out.leave(&self.rest, &self.total);
     }
 }
 
 impl Replay<'_> {
-    /// Adjoint of the value of the present surface towards `wi`, cosine included, for its gradient `g`.
-    fn scattered(&mut self, wi: Vec3f, g: Vec3f) {
-        let Some(place) = self.here.filter(|_| g != Vec3f::zero()) else { return };
-        // Not copied: it is large.
-        let surfaces = std::mem::take(&mut self.surfaces);
-        self.scattered_at(&surfaces[place], wi, g);
-        self.surfaces = surfaces;
-    }
-
-    fn scattered_at(&mut self, here: &Here, wi: Vec3f, g: Vec3f) {
-        let surface = here.surface();
-        let (wo, wi) = (surface.to_local(here.wo), surface.to_local(wi));
-        let compiled = &self.world.materials[here.material as usize];
-        let cells = &self.layout.materials[here.material as usize];
-        if let Some(index) = compiled.library {
-            let Some(d) = self.world.library_vjp(index, &here.at, (&surface, here.wo), [wo, wi], g) else {
-                return;
-            };
-            let library = self.world.library.as_ref().expect("a library material comes from a library");
-            let mut sink = Texels { out: self.out, layout: self.layout, material: here.material };
-            return library.lookup_vjp(index, here.at.uv, here.at.color, &d, &mut sink);
-        }
-        let g = g * surface.shadow(wi);
-        let share = surface.second.map_or(0.0, |s| s.1);
-        let first = surface.bsdf.eval_vjp(wo, wi, g * (1.0 - share));
-        if let Some(graph) = &compiled.graph {
-            let second = surface.second.and_then(|(b, share)| b.eval_vjp(wo, wi, g * *share));
-            let point = SurfacePoint { uv: here.at.uv[0], color: here.at.color, piece: here.at.piece };
-            let out = &mut *self.out;
-            graph.resolve_vjp(&point, here.at.front, [first.as_ref(), second.as_ref()], |t, texel, g| {
-                out.add(offset(cells.graph[t], texel), g);
-            });
-            return;
-        }
-        match first {
-            Some(BsdfGradient::Diffuse(d)) => {
-                self.out.add(cells.of(MaterialValue::Reflectance), d.reflectance);
-            }
-            Some(BsdfGradient::RoughConductor(d)) => {
-                self.out.add(cells.of(MaterialValue::SpecularReflectance), d.reflectance);
-                self.out.add(cells.of(MaterialValue::Alpha), number(d.alpha[0] + d.alpha[1]));
-                self.out.add(cells.of(MaterialValue::AlphaU), number(d.alpha[0]));
-                self.out.add(cells.of(MaterialValue::AlphaV), number(d.alpha[1]));
-            }
-            _ => {}
-        }
-    }
-
     /// Adjoint of the radiance of a light for its gradient `g`.
     fn emitted(&mut self, light: &Contribution, g: Vec3f) {
         if g == Vec3f::zero() {
@@ -387,31 +293,4 @@ impl Replay<'_> {
 #[inline(always)]
 pub(super) fn offset(start: u32, texel: usize) -> u32 {
     if start == NONE { NONE } else { start + texel as u32 }
-}
-
-/// A gradient of one channel.
-#[inline(always)]
-fn number(g: f32) -> Vec3f {
-    Vec3f { x: g, y: 0.0, z: 0.0 }
-}
-
-/// Takes up gradients of a library material.
-struct Texels<'a> {
-    out: &'a mut Accumulator,
-    layout: &'a Layout,
-    material: u32,
-}
-
-impl SampleSink for Texels<'_> {
-    fn factors(&mut self, base_color: Vec3f, roughness: f32, metallic: f32, emissive: Vec3f) {
-        let cells = &self.layout.materials[self.material as usize];
-        self.out.add(cells.of(MaterialValue::BaseColor), base_color);
-        self.out.add(cells.of(MaterialValue::Roughness), number(roughness));
-        self.out.add(cells.of(MaterialValue::Metallic), number(metallic));
-        self.out.add(cells.of(MaterialValue::Emissive), emissive);
-    }
-
-    fn texel(&mut self, texture: usize, texel: usize, gradient: Vec3f) {
-        self.out.add(offset(self.layout.textures[texture], texel), gradient);
-    }
 }

@@ -2,7 +2,8 @@
 //!
 //! A tape has a fixed size: longer paths are walked again, and memory does not grow with the length of paths.
 
-use super::replay::{Here, Replay, Total};
+use super::replay::{Replay, Total};
+use super::surface::Here;
 use crate::integrator::{Contribution, PathVertex, Sink, SurfaceVisit};
 
 /// Reports that are kept of one path: four for every scattering event.

@@ -2,6 +2,7 @@
 
 use super::{Compiled, Slot, SurfaceLibrary, decode_normal};
 use photofit_scalar::{Vec2f, Vec3f, Vec4f, vec3};
+use std::ops::Add;
 
 /// Gradient with respect to a [`super::SurfaceSample`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -16,6 +17,21 @@ pub struct SampleGradient {
     pub normal: Vec3f,
     /// With respect to the emitted radiance.
     pub emissive: Vec3f,
+}
+
+impl Add for SampleGradient {
+    type Output = Self;
+
+    #[inline]
+    fn add(self, other: Self) -> Self {
+        Self {
+            base_color: self.base_color + other.base_color,
+            roughness: self.roughness + other.roughness,
+            metallic: self.metallic + other.metallic,
+            normal: self.normal + other.normal,
+            emissive: self.emissive + other.emissive,
+        }
+    }
 }
 
 /// Receives gradients with respect to what a material is made of.

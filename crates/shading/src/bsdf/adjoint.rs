@@ -5,7 +5,9 @@
 use super::{Bsdf, Diffuse, GltfBsdf, GltfParameters, RoughConductorGradient};
 use crate::eval::LobesEvalGradient;
 use crate::ggx::ROUGHNESS_MIN;
+use crate::surface::LobesGradient;
 use photofit_scalar::{Real, Vec3};
+use std::ops::Add;
 
 /// Gradient of [`Diffuse`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -39,6 +41,38 @@ pub struct GltfGradient<T = f32> {
     pub roughness: T,
     /// With respect to the normal, in the local frame, through the base alone: what coat and sheen cover is held.
     pub n: Vec3<T>,
+}
+
+impl<T: Real> Add for BsdfGradient<T> {
+    type Output = Self;
+
+    /// The sum of two gradients of one BSDF, which are of one kind.
+    #[inline]
+    fn add(self, other: Self) -> Self {
+        match (self, other) {
+            (Self::Diffuse(a), Self::Diffuse(b)) => {
+                Self::Diffuse(DiffuseGradient { reflectance: a.reflectance + b.reflectance, n: a.n + b.n })
+            }
+            (Self::MetallicRoughness(a), Self::MetallicRoughness(b)) => {
+                let lobes = LobesGradient {
+                    diffuse: a.lobes.diffuse + b.lobes.diffuse,
+                    f0: a.lobes.f0 + b.lobes.f0,
+                    f90: a.lobes.f90 + b.lobes.f90,
+                    roughness: a.lobes.roughness + b.lobes.roughness,
+                };
+                let (n, wo, wi) = (a.n + b.n, a.wo + b.wo, a.wi + b.wi);
+                Self::MetallicRoughness(LobesEvalGradient { lobes, n, wo, wi })
+            }
+            (Self::RoughConductor(a), Self::RoughConductor(b)) => {
+                let alpha = [0, 1].map(|axis| a.alpha[axis] + b.alpha[axis]);
+                Self::RoughConductor(RoughConductorGradient {
+                    reflectance: a.reflectance + b.reflectance,
+                    alpha,
+                })
+            }
+            (_, other) => other,
+        }
+    }
 }
 
 impl<T: Real> Diffuse<T> {
