@@ -164,7 +164,7 @@ impl Sink for Replay<'_> {
             return;
         }
         if light.instance != u32::MAX {
-            self.scattered(light.wi, through.mul(light.radiance));
+            self.scattered(light.wi, through.mul(light.radiance), light.scattering);
         }
         self.emitted(light, through.mul(light.scattering));
     }
@@ -174,14 +174,14 @@ impl Sink for Replay<'_> {
         if v.instance == u32::MAX || v.delta || self.here.is_none() {
             return;
         }
-        let mut g = Vec3f::zero();
+        let (mut g, value) = (Vec3f::zero(), v.weight * v.pdf);
         for c in 0..3 {
             let f = f64::from(v.weight[c]) * f64::from(v.pdf);
             if f > f64::from(f32::MIN_POSITIVE) {
                 g[c] = (f64::from(self.loss[c]) * self.rest[c] / f) as f32;
             }
         }
-        self.scattered(v.wi, g);
+        self.scattered(v.wi, g, value);
     }
 
     fn not_finite(&mut self) {

@@ -75,8 +75,8 @@ impl Here {
 }
 
 impl Replay<'_> {
-    /// Adjoint of the value of the present surface towards `wi`, cosine included, for its gradient `g`.
-    pub(super) fn scattered(&mut self, wi: Vec3f, g: Vec3f) {
+    /// Adjoint of the `value` of the present surface towards `wi`, cosine included, for its gradient `g`.
+    pub(super) fn scattered(&mut self, wi: Vec3f, g: Vec3f, value: Vec3f) {
         let Some(place) = self.here.filter(|_| g != Vec3f::zero()) else { return };
         let here = &self.surfaces[place];
         let surface = here.surface();
@@ -85,6 +85,9 @@ impl Replay<'_> {
         if let Some(index) = self.world.materials[here.material as usize].library {
             let d = self.world.library_vjp(index, &here.at, (&surface, here.wo), [wo, wi], g);
             gradient.sample = sum(gradient.sample, d);
+        } else if let (Bsdf::RoughConductor(metal), None) = (surface.bsdf, surface.second) {
+            let d = metal.eval_vjp_of(wo, wi, g, value);
+            gradient.bsdfs[0] = sum(gradient.bsdfs[0], Some(BsdfGradient::RoughConductor(d)));
         } else {
             let g = g * surface.shadow(wi);
             let share = surface.second.map_or(0.0, |s| s.1);

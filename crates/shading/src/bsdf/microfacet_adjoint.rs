@@ -21,49 +21,44 @@ impl<T: Real> Microfacet<T> {
     /// `|z| (1 + Lambda)`, whose derivative by the stretched length `t = sqrt((ax x)^2 + (ay y)^2)` is `t / (2 s)` (GGX)
     /// and `exp(-(z / t)^2) / (2 sqrt(pi))` (Beckmann).
     fn log_derivative(&self, m: Vec3<T>, wo: Vec3<T>, wi: Vec3<T>) -> [T; 2] {
-        let (zero, one, half) = (T::zero(), T::one(), T::of(0.5));
+        let (zero, one) = (T::zero(), T::one());
         let (o, i) = (self.masked(wo), self.masked(wi));
         let (zo, zi) = (wo.z.abs(), wi.z.abs());
-        let alpha = {
-            let (x, y) = self.alphas();
-            [x, y]
+        let (ax, ay) = self.alphas();
+        let inverse = [one / ax, one / ay];
+        let q = {
+            let (x, y) = (m.x * inverse[0], m.y * inverse[1]);
+            [x * x, y * y]
         };
-        let e = {
-            let (x, y) = (m.x / alpha[0], m.y / alpha[1]);
-            x * x + y * y + m.z * m.z
+        let scale = match self.distribution {
+            Distribution::Ggx => T::of(4.0) / (q[0] + q[1] + m.z * m.z),
+            Distribution::Beckmann => T::of(2.0) / (m.z * m.z),
         };
-        let masked = |v: Vec3<T>, axis: usize| {
-            let (x, y) = (alpha[0] * v.x, alpha[1] * v.y);
-            let square = x * x + y * y;
-            let along = if axis == 0 { v.x } else { v.y };
-            // t dt/da
-            let slope = alpha[axis] * along * along;
-            match self.distribution {
-                Distribution::Ggx => half * slope / (v.z * v.z + square).sqrt(),
-                Distribution::Beckmann => {
-                    let t = square.sqrt();
-                    if t <= T::of(1e-6) * v.z.abs() {
-                        return zero;
-                    }
-                    let a = v.z.abs() / t;
-                    T::of(0.25 * FRAC_2_SQRT_PI) * (-a * a).exp() * slope / t
+        // Of |z| (1 + Lambda) = `whole` by half the square of the stretched length.
+        let slope = |v: Vec3<T>, z: T, whole: T| match self.distribution {
+            Distribution::Ggx => T::of(0.5) / (whole + whole - z),
+            Distribution::Beckmann => {
+                let (x, y) = (ax * v.x, ay * v.y);
+                let t = (x * x + y * y).sqrt();
+                if t <= T::of(1e-6) * z {
+                    return zero;
                 }
+                let a = z / t;
+                T::of(0.25 * FRAC_2_SQRT_PI) * (-a * a).exp() / t
             }
         };
-        [0, 1].map(|axis| {
-            let (a, x) = (alpha[axis], if axis == 0 { m.x } else { m.y });
-            let q = x / a;
-            let d = match self.distribution {
-                Distribution::Ggx => T::of(4.0) * q * q / e - one,
-                Distribution::Beckmann => T::of(2.0) * q * q / (m.z * m.z) - one,
-            } / a;
-            let (d_o, d_i) = (masked(wo, axis), masked(wi, axis));
-            let g = match self.masking {
-                Masking::Separable => -d_o / o - d_i / i,
-                Masking::Correlated => -(zi * d_o + zo * d_i) / (zi * o + zo * i - zo * zi),
-            };
-            d + g
-        })
+        let (by_o, by_i) = (slope(wo, zo, o), slope(wi, zi, i));
+        let (by_o, by_i) = match self.masking {
+            Masking::Separable => (by_o / o, by_i / i),
+            Masking::Correlated => {
+                let joined = one / (zi * o + zo * i - zo * zi);
+                (by_o * zi * joined, by_i * zo * joined)
+            }
+        };
+        let axis = |a: T, inverse: T, q: T, (xo, xi): (T, T)| {
+            (scale * q - one) * inverse - a * (by_o * xo * xo + by_i * xi * xi)
+        };
+        [axis(ax, inverse[0], q[0], (wo.x, wi.x)), axis(ay, inverse[1], q[1], (wo.y, wi.y))]
     }
 }
 
@@ -81,5 +76,30 @@ impl<T: Real> RoughConductor<T> {
         let m = (wo + wi).normalize_or_zero();
         let alpha = self.surface.log_derivative(m, wo, wi).map(|d| d * along);
         RoughConductorGradient { reflectance: g.mul(fresnel), alpha }
+    }
+
+    /// As [`Self::eval_vjp`] where the `value` is known, which may have a further factor that `g` then lacks: without
+    /// Fresnel's equations. A channel of the reflectance that is 0 has no gradient.
+    pub fn eval_vjp_of(
+        &self,
+        wo: Vec3<T>,
+        wi: Vec3<T>,
+        g: Vec3<T>,
+        value: Vec3<T>,
+    ) -> RoughConductorGradient<T> {
+        let zero = T::zero();
+        if !(wo.z > zero && wi.z > zero) || self.surface.is_smooth() {
+            return RoughConductorGradient::default();
+        }
+        let part = g.mul(value);
+        let m = (wo + wi).normalize_or_zero();
+        let along = part.x + part.y + part.z;
+        let alpha = self.surface.log_derivative(m, wo, wi).map(|d| d * along);
+        let over = |part: T, factor: T| if factor > zero { part / factor } else { zero };
+        let r = self.metal.reflectance;
+        RoughConductorGradient {
+            reflectance: vec3(over(part.x, r.x), over(part.y, r.y), over(part.z, r.z)),
+            alpha,
+        }
     }
 }

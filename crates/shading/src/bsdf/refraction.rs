@@ -47,11 +47,10 @@ pub(super) fn reflection<T: Real>(facets: &impl Facets<T>, wo: Vec3<T>, wi: Vec3
     if cosine <= T::zero() || cosine.is_nan() {
         return None;
     }
-    Some(Event {
-        value: facets.d(m) * facets.visibility(wo, wi) * wi.z,
-        pdf: facets.pdf(wo, m) / (T::of(4.0) * cosine),
-        cosine,
-    })
+    let d = facets.d(m);
+    // The cosine of the density of normals and that of the reflection cancel.
+    let pdf = T::of(0.25) * d / facets.masked(wo);
+    Some(Event { value: d * facets.visibility(wo, wi) * wi.z, pdf, cosine })
 }
 
 /// Refraction from `wi` below the surface to `wo` above it.
