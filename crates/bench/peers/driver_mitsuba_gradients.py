@@ -16,16 +16,16 @@ NEEDS = ["numpy", "mitsuba"]
 # Independent estimates of each program, samples a pixel of each, and runs of ours that hold them together.
 ESTIMATES = 64
 SPP = 4
-SEEDS = 16
+SEEDS = 4
 WEIGHTS = ["random", "1"]
 BOX = ROOT / "assets" / "box.xml"
 PLATE = WORK / "plate" / "plate.xml"
 CLOUD = WORK / "plate" / "cloud.xml"
 # Texels along the side of the plate, and pixels of its picture; voxels along a side of the cloud.
 TEXELS, PIXELS, VOXELS = 512, 256, 64
-# Voxels along the side of the blocks whose sums are compared: estimates of single voxels that few paths meet are far from
-# normal.
-BLOCK = 8
+# Voxels along the side of the blocks whose sums are compared, with more runs of ours for their standard errors: estimates of
+# single voxels that few paths meet are far from normal.
+BLOCK, BLOCK_SEEDS = 8, 16
 
 # Scene, our key, what theirs ends in, the scattering events of a path, which `--max-depth` counts, and the filters.
 # Mitsuba's max_depth counts the segments of a path from the camera: 1 is what emits, 2 is direct light. It is one more.
@@ -133,7 +133,7 @@ def theirs(mi, dr, path, ending, events, weights):
     return np.array(found[1:]), float(np.median(seconds[1:]))
 
 
-def ours(mi, path, key, events, weights):
+def ours(mi, path, key, events, weights, runs):
     """Gradient of each seed, standard error of their mean, and CPU seconds of all without reading; each estimate counts whole."""
     image, out = (WORK / f"gradient-{os.getpid()}.{kind}" for kind in ("exr", "json"))
     mi.Bitmap(np.ascontiguousarray(weights)).write(str(image))
@@ -141,16 +141,16 @@ def ours(mi, path, key, events, weights):
         "gradient", path, "--parameter", key, "--weights", image, "--max-depth", events, "--spp", spp, "--seed", seed,
         "--json", out, "--allow-parent-paths"
     )
-    samples = ESTIMATES * SPP // SEEDS
+    samples = ESTIMATES * SPP // runs
     gradients, errors, seconds = [], [], []
-    for seed in range(SEEDS):
+    for seed in range(runs):
         seconds.append(run(samples, seed))
         record = json.loads(out.read_text())
         gradients.append(np.array(record["gradient"], np.float64).reshape(-1))
         errors.append(np.array(record["standard_error"], np.float64).reshape(-1))
     reading = np.median([program("gradient", path, "--list", "--allow-parent-paths") for _ in range(SEEDS)])
-    seconds = (np.median(seconds) - reading) * SEEDS
-    return np.array(gradients), np.sqrt(np.square(errors).sum(0)) / SEEDS, float(seconds)
+    seconds = (np.median(seconds) - reading) * runs
+    return np.array(gradients), np.sqrt(np.square(errors).sum(0)) / runs, float(seconds)
 
 
 def spread(found):
@@ -178,8 +178,9 @@ def of_case(mi, dr, case, reconstruction, kind):
         shape = (size[1], size[0], 3)
         weights = np.random.default_rng(1).normal(size=shape) if kind == "random" else np.ones(shape)
         weights = weights.astype(np.float32)
-        seeds, error, seconds = ours(mi, file, our_key, events, weights)
-    own, in_blocks = (seeds.mean(0), error), path == CLOUD
+        in_blocks = path == CLOUD
+        seeds, error, seconds = ours(mi, file, our_key, events, weights, BLOCK_SEEDS if in_blocks else SEEDS)
+    own = (seeds.mean(0), error)
     first = None
     for sampler in SAMPLERS:
         with variant(path, reconstruction, sampler) as file:

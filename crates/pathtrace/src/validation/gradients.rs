@@ -4,6 +4,7 @@ mod filters;
 mod samplers;
 mod sharing;
 mod tapes;
+mod ways;
 
 use super::scenes::{cornell, cornell_view, diffuse, looking, place, quad, square};
 use crate::{

@@ -79,6 +79,12 @@ fn rough_metal_by_alpha_and_reflectance() {
             panic!("a rough metal has a gradient");
         };
         let gradient = join(d.alpha.to_vec(), &[d.reflectance]);
+        // By the value, here with a further factor of a half.
+        let Bsdf::RoughConductor(metal) = bsdf(&x) else { panic!("a rough metal") };
+        let by_value = metal.eval_vjp_of(wo, wi, seed * 2.0, metal.eval(wo, wi) * 0.5);
+        for (a, b) in gradient.iter().zip(join(by_value.alpha.to_vec(), &[by_value.reflectance])) {
+            assert!((a - b).abs() < 1e-12 * (1.0 + a.abs()), "{k}: {a} and {b}");
+        }
         // The masking of Beckmann's distribution is approximated to 2e-7.
         let tolerance = if distribution == Distribution::Ggx { 1e-6 } else { 1e-4 };
         check(&format!("metal {k}"), &x, &gradient, 1e-6, tolerance, |x| bsdf(x).eval(wo, wi).dot(seed));
