@@ -24,11 +24,13 @@ struct Place {
     identity: Identity,
     /// Whether it stands in a folder of the command, which may not exist yet.
     inside: bool,
+    /// Whether an earlier file there is kept beside it, with `.bak` and a number behind its name.
+    keeps: bool,
 }
 
 impl Place {
     fn new(option: &'static str, path: &Path) -> Self {
-        Self { option, path: path.to_owned(), identity: Identity::of(path), inside: false }
+        Self { option, path: path.to_owned(), identity: Identity::of(path), inside: false, keeps: false }
     }
 }
 
@@ -45,11 +47,18 @@ impl Places {
         self
     }
 
+    /// As [`Self::writes`], where an earlier file is kept under another name.
+    pub(crate) fn sets_aside(mut self, option: &'static str, path: Option<&Path>) -> Self {
+        self.outputs.extend(path.map(|p| Place { keeps: true, ..Place::new(option, p) }));
+        self
+    }
+
     /// Adds a folder that is made where it does not exist, and the files in it that are written.
     pub(crate) fn fills(mut self, option: &'static str, folder: Option<&Path>, files: &[&str]) -> Self {
         if let Some(folder) = folder {
             self.folders.push(Place::new(option, folder));
-            let inside = |f: &&str| Place { inside: true, ..Place::new(option, &folder.join(f)) };
+            let inside =
+                |f: &&str| Place { inside: true, keeps: true, ..Place::new(option, &folder.join(f)) };
             self.outputs.extend(files.iter().map(inside));
         }
         self
@@ -74,15 +83,16 @@ impl Places {
                 return Err(clash(output, &format!("{option}, {path}, which is written too")));
             }
         }
-        // An earlier file in a folder of the command is kept beside it, with an ending of its own.
-        let kept = |inside: &Place, o: &Place| {
-            let (of, path) = (inside.identity.path.as_os_str(), o.identity.path.as_os_str());
-            let more = path.as_encoded_bytes().strip_prefix(of.as_encoded_bytes());
-            o.option != inside.option && more.is_some_and(|more| more.starts_with(b".bak"))
+        // Also where the file system does not tell capitals from small letters.
+        let kept = |keeper: &Place, o: &Place| {
+            let folded = |p: &Place| p.identity.path.as_os_str().as_encoded_bytes().to_ascii_lowercase();
+            let (of, path) = (folded(keeper), folded(o));
+            o.option != keeper.option
+                && path.strip_prefix(&of[..]).is_some_and(|more| more.starts_with(b".bak"))
         };
-        for inside in self.outputs.iter().filter(|o| o.inside) {
-            if let Some(output) = self.outputs.iter().find(|o| kept(inside, o)) {
-                let (option, path) = (inside.option, inside.path.display());
+        for keeper in self.outputs.iter().filter(|o| o.keeps) {
+            if let Some(output) = self.outputs.iter().find(|o| kept(keeper, o)) {
+                let (option, path) = (keeper.option, keeper.path.display());
                 return Err(clash(output, &format!("an earlier {path} that {option} may keep")));
             }
         }
@@ -337,12 +347,22 @@ mod tests {
                 .writes("--json", Some(&d.join(json)))
         };
         std::fs::create_dir(d.join("ck")).unwrap();
-        for kept in ["ck/fit.ckpt.bak", "ck/fit.ckpt.bak2"] {
+        for kept in ["ck/fit.ckpt.bak", "ck/fit.ckpt.bak2", "ck/FIT.ckpt.BAK"] {
             let rule = rule(&places(kept));
             assert!(rule.contains("--json") && rule.contains("--checkpoint may keep"), "{rule}");
         }
         places("ck/fit.json").check().unwrap();
         places("fit.ckpt.bak").check().unwrap();
+        let state = |json: &str| {
+            let state = Places::default().sets_aside("the state", Some(&d.join("o.png.state")));
+            state.writes("--json", Some(&d.join(json)))
+        };
+        assert!(
+            rule(&state("o.png.state.bak")).contains("an earlier"),
+            "{}",
+            rule(&state("o.png.state.bak"))
+        );
+        state("o.png.json").check().unwrap();
     }
 
     #[cfg(unix)]

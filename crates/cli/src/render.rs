@@ -38,7 +38,7 @@ pub(crate) fn run(a: &Render) -> Result<Ending> {
         .reads("IN", Some(&a.input))
         .reads("--env", a.env.as_deref())
         .writes("--output", Some(&a.output))
-        .writes("the state beside --output", state.as_deref())
+        .sets_aside("the state beside --output", state.as_deref())
         .writes("--json", a.json.as_deref());
     places.check()?;
     if a.is_mitsuba() {
