@@ -290,10 +290,12 @@ fn scale(model: &Traced, parameter: usize, brightness: f64) -> f64 {
     let values = model.of(parameter);
     let mean = values.iter().map(|v| f64::from(v.abs())).sum::<f64>() / values.len().max(1) as f64;
     if let Parameter::Medium { medium, value } = model.parameters[parameter].parameter {
-        let unit = OPAQUE * f64::from(model.world().unit_extinction(medium));
-        // Light of the pictures' brightness from across the whole medium, where it sends some out.
-        let measure = if value == MediumValue::Emission { brightness } else { 1.0 };
-        return mean.max(unit * measure);
+        // For emission: several times the brightness of the pictures, from across the whole medium.
+        let unit = match value {
+            MediumValue::Emission => brightness / f64::from(model.world().length_across(medium)),
+            _ => f64::from(model.world().unit_extinction(medium)),
+        };
+        return mean.max(OPAQUE * unit);
     }
     [mean, LAMP * brightness].into_iter().find(|m| *m > FAINT).unwrap_or(1.0)
 }

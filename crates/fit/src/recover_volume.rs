@@ -58,7 +58,7 @@ pub struct RecoverVolumeOptions {
     pub coarse_to_fine: bool,
     /// Albedo where it is known, 0 to 1; `None`: it is found too.
     pub albedo: Option<[f32; 3]>,
-    /// Light that the cloud sends out itself is found, too; there may be no other light then.
+    /// Light that the cloud emits itself is found, too; there may be no other light then.
     pub emission: bool,
     /// Mean cosine of scattering, in (-1, 1).
     pub anisotropy: f32,
@@ -114,7 +114,7 @@ pub struct RecoveredVolume {
     pub extinction: Vec<f32>,
     /// Albedo, three channels of each voxel.
     pub albedo: Vec<f32>,
-    /// Radiance that it sends out per length, three channels of each voxel; empty where it was not looked for.
+    /// Radiance that it emits per length, three channels of each voxel; empty where it was not looked for.
     pub emission: Vec<f32>,
     /// The course over all grids.
     pub history: Vec<HistoryPoint>,
@@ -330,7 +330,7 @@ impl Grid {
         let colors =
             |values: &[f32]| values.as_chunks::<3>().0.iter().map(|a| Vec3f::from_array(*a)).collect();
         let (size, transform) = (self.size, DAffine3::from_translation(lo) * DAffine3::from_scale(hi - lo));
-        let glows = !self.emission.is_empty();
+        let emits = !self.emission.is_empty();
         let volume = Volume {
             size,
             density: self.extinction.clone(),
@@ -338,7 +338,7 @@ impl Grid {
             albedo: Vec3f::splat(1.0),
             albedos: colors(&self.albedo),
             g: options.anisotropy,
-            emission: glows.then(|| Field { size, values: colors(&self.emission), transform }),
+            emission: emits.then(|| Field { size, values: colors(&self.emission), transform }),
             transform,
         };
         let Surroundings { lights, environment } = surroundings.clone();
@@ -354,7 +354,7 @@ impl Grid {
         if options.albedo.is_none() {
             parameters.push(of("albedo", MediumValue::Albedo, 3, 1.0));
         }
-        if glows {
+        if emits {
             parameters.push(of("emission", MediumValue::Emission, 3, 1e6));
         }
         let render =

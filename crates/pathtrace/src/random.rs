@@ -135,10 +135,9 @@ impl PathRandom {
         Rng::new(self.key, 0xd00_0000)
     }
 
-    /// The numbers of one of `count` ways that this path takes from its first surface on. Those of one sample are
-    /// stratified together.
+    /// The numbers of one of `count` splits of this path. Those of one sample are stratified together.
     #[inline]
-    pub(crate) fn way(&self, index: u32, count: u32) -> Self {
+    pub(crate) fn split(&self, index: u32, count: u32) -> Self {
         let sample = self.sample.wrapping_mul(count).wrapping_add(index);
         Self { sobol: self.sobol, sample, key: hash(self.key, 0x3a75_0000, u64::from(index)) }
     }

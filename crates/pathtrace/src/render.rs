@@ -156,7 +156,7 @@ impl<'a> Renderer<'a> {
         }
         let plan = RenderPlan::with_at_least(world, options.further);
         let unlit = plan.needs.contains(Features(plan::EMITTERS));
-        if world.lights.is_dark() && !unlit && !world.media.emit() {
+        if world.lights.is_dark() && !unlit && !world.media.emits() {
             return Err(PathtraceError::NoLight);
         }
         if options.path.strategy == Strategy::Light && world.lights.misses_environment() {

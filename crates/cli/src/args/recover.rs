@@ -246,8 +246,8 @@ pub(crate) struct RecoverVolume {
     /// Albedo, one or three numbers, where it is known [range: 0 to 1] [default: it is found].
     #[arg(long, value_name = "R,G,B", value_parser = numbers(&[1, 3], 0.0..=1.0))]
     pub(crate) albedo: Option<Numbers>,
-    /// Find the light that the cloud sends out itself, too, as fire does: radiance per length. With --self-test the known cloud
-    /// sends out .8, .4 and .1 times its extinction.
+    /// Find the light that the cloud emits itself, too, as fire does: radiance per length. With --self-test the known cloud
+    /// emits .8, .4 and .1 times its extinction.
     #[arg(long)]
     pub(crate) emission: bool,
     /// Mean cosine of scattering; positive scatters forward [range: more than -1, less than 1].

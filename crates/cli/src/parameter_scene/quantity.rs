@@ -32,7 +32,7 @@ pub(crate) enum Quantity {
     Extinction,
     /// Albedo of a medium.
     Albedo,
-    /// Radiance that a medium sends out per length.
+    /// Radiance that a medium emits per length.
     Emission,
 }
 

@@ -82,7 +82,7 @@ impl Accumulator {
     }
 
     /// Notes what is left of a path's light where nothing should be.
-    pub(super) fn leave(&mut self, left: &[f64; 3], whole: &[f64; 3]) {
+    pub(super) fn note_residual(&mut self, left: &[f64; 3], whole: &[f64; 3]) {
         for (left, whole) in left.iter().zip(whole) {
             let left = left.abs() / whole.abs().max(f64::from(f32::MIN_POSITIVE));
             self.residual = larger(self.residual, left);

@@ -4,7 +4,7 @@
 //! cells of large images are summed in tables of those that are touched.
 
 use super::parameter::{
-    MaterialValue, Parameter, VALUES, directs, library_material, maps_of, not_differentiable,
+    MaterialValue, Parameter, VALUES, changes_directions, library_material, maps_of, not_differentiable,
 };
 use crate::PathtraceError;
 use crate::error::{absent, invalid};
@@ -27,8 +27,8 @@ pub(super) struct MaterialCells {
     pub(super) graph: Vec<u32>,
     /// Some parameter changes how it scatters.
     pub(super) scatters: bool,
-    /// Some parameter decides where it scatters light to, and not only how much of it.
-    pub(super) directs: bool,
+    /// Some parameter changes the directions of scattered light, and not only how much of it there is.
+    pub(super) changes_directions: bool,
 }
 
 impl MaterialCells {
@@ -111,7 +111,7 @@ impl Layout {
                 values: [NONE; VALUES],
                 graph: vec![NONE; graph],
                 scatters: false,
-                directs: false,
+                changes_directions: false,
             }
         };
         let mut out = Self {
@@ -157,7 +157,7 @@ impl Layout {
                         value,
                         MaterialValue::Emission | MaterialValue::Absorption | MaterialValue::Emissive
                     );
-                    cells.directs |= matches!(
+                    cells.changes_directions |= matches!(
                         value,
                         MaterialValue::Alpha
                             | MaterialValue::AlphaU
@@ -172,7 +172,7 @@ impl Layout {
                 for (cells, given) in self.materials.iter_mut().zip(&world.given) {
                     if let Some(m) = library_material(given) {
                         cells.scatters |= maps_of(world, m, *texture).1;
-                        cells.directs |= directs(world, m, *texture);
+                        cells.changes_directions |= changes_directions(world, m, *texture);
                     }
                 }
             }
@@ -183,7 +183,7 @@ impl Layout {
                     let graph = world.materials[m].graph.as_ref();
                     let emission = t == last && graph.is_some_and(|g| g.emission.is_some());
                     self.materials[m].scatters |= !emission;
-                    self.materials[m].directs |= graph.is_some_and(|g| g.directs_light()[t]);
+                    self.materials[m].changes_directions |= graph.is_some_and(|g| g.changes_directions()[t]);
                 }
             }
             Parameter::Light { light } => put(&mut self.lights[*light]),

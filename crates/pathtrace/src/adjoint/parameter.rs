@@ -148,8 +148,8 @@ pub(super) fn maps_of(world: &World, material: usize, texture: usize) -> (bool, 
     (scatters || reads(MapKind::Emissive), scatters)
 }
 
-/// Whether a texture decides where light is scattered to by a library material: by its roughness or its normals.
-pub(super) fn directs(world: &World, material: usize, texture: usize) -> bool {
+/// Whether a texture changes the directions of light scattered by a library material: by its roughness or its normals.
+pub(super) fn changes_directions(world: &World, material: usize, texture: usize) -> bool {
     let Some(library) = &world.library else { return false };
     let reads = |map| library.texture_of(material, map) == Some(texture);
     [MapKind::MetallicRoughness, MapKind::Normal].into_iter().any(reads)

@@ -7,7 +7,7 @@
 use super::accumulate::Accumulator;
 use super::layout::{Layout, NONE};
 use super::parameter::MaterialValue;
-use super::surface::{Here, Texels, ways};
+use super::surface::{Here, Texels, splits};
 use super::tape::Tape;
 use super::volume::MediaReplay;
 use crate::integrator::{Contribution, Found, MediaFlight, PathVertex, ShadowFlight, Sink, SurfaceVisit};
@@ -19,7 +19,7 @@ use photofit_scalar::{Vec3f, Vec4f, vec3};
 use photofit_scene::SampleGradient;
 use photofit_scene::graph::SurfacePoint;
 
-/// The light of a path, and of the part before each of its ways.
+/// The light of a path, and of the part before each of its splits.
 #[derive(Debug)]
 pub(super) struct Total<'a> {
     pub(super) world: &'a World,
@@ -31,15 +31,15 @@ pub(super) struct Total<'a> {
 impl Sink for Total<'_> {
     // The replay asks for it, and both walks are one.
     const SURFACES: bool = true;
-    const WAYS: bool = true;
+    const SPLITS: bool = true;
 
     #[inline(always)]
-    fn ways(&self, first: &SurfaceVisit<'_>) -> u32 {
-        ways(self.world, self.layout, first)
+    fn splits(&self, first: &SurfaceVisit<'_>) -> u32 {
+        splits(self.world, self.layout, first)
     }
 
     #[inline(always)]
-    fn way(&mut self) {
+    fn split(&mut self) {
         self.before.push(self.radiance);
     }
 
@@ -68,13 +68,13 @@ pub(super) struct Replay<'a> {
     pub(super) out: &'a mut Accumulator,
     /// Derivative of the loss with respect to the radiance of the path.
     pub(super) loss: Vec3f,
-    /// The light of the path, and of its part before each of its ways.
+    /// The light of the path, and of its part before each of its splits.
     pub(super) total: [f64; 3],
     pub(super) before: Vec<[f64; 3]>,
-    /// Light that the path, or its present way, has still to find.
+    /// Light that the path, or its present split, has still to find.
     pub(super) rest: [f64; 3],
-    /// Ways that have begun, and the place of the surface that they begin at.
-    way: usize,
+    /// Splits that have begun, and the place of the surface that they begin at.
+    split: usize,
     first: Option<usize>,
     /// What the first walk keeps of the path.
     pub(super) tape: Tape,
@@ -89,7 +89,7 @@ pub(super) struct Replay<'a> {
 
 impl Sink for Replay<'_> {
     const SURFACES: bool = true;
-    const WAYS: bool = true;
+    const SPLITS: bool = true;
     const MEDIA: bool = true;
 
     fn flight(&mut self, flight: &MediaFlight) {
@@ -104,27 +104,27 @@ impl Sink for Replay<'_> {
         }
     }
 
-    fn ways(&self, first: &SurfaceVisit<'_>) -> u32 {
-        ways(self.world, self.layout, first)
+    fn splits(&self, first: &SurfaceVisit<'_>) -> u32 {
+        splits(self.world, self.layout, first)
     }
 
-    fn way(&mut self) {
-        // The light of all ways, or the rest of the one before.
-        let end = self.before.get(self.way + 1).unwrap_or(&self.total);
-        let start = self.before[self.way];
+    fn split(&mut self) {
+        // The light of all splits, or the rest of the one before.
+        let end = self.before.get(self.split + 1).unwrap_or(&self.total);
+        let start = self.before[self.split];
         let left =
-            if self.way == 0 { subtract(&self.rest, &subtract(&self.total, &start)) } else { self.rest };
-        self.out.leave(&left, &self.total);
+            if self.split == 0 { subtract(&self.rest, &subtract(&self.total, &start)) } else { self.rest };
+        self.out.note_residual(&left, &self.total);
         self.rest = subtract(end, &start);
-        if self.way == 0 {
+        if self.split == 0 {
             self.first = self.here;
         }
         self.here = self.first;
-        self.way += 1;
+        self.split += 1;
     }
 
     fn surface(&mut self, visit: &SurfaceVisit<'_>) {
-        // The one that all ways begin at stays.
+        // The one that all splits begin at stays.
         self.settle(self.first.map_or(0, |first| first + 1));
         let place = self.surfaces.len();
         self.surfaces.extend(Here::new(self.world, self.layout, visit));
@@ -200,7 +200,7 @@ impl<'a> Replay<'a> {
             total: [0.0; 3],
             before: Vec::new(),
             rest: [0.0; 3],
-            way: 0,
+            split: 0,
             first: None,
             tape: Tape::new(kept),
             surfaces: Vec::new(),
@@ -213,7 +213,7 @@ impl<'a> Replay<'a> {
     /// Begins the replay of a path of this light.
     pub(super) fn begin(&mut self, total: [f64; 3], random: &PathRandom) {
         (self.total, self.rest) = (total, total);
-        (self.way, self.first, self.here) = (0, None, None);
+        (self.split, self.first, self.here) = (0, None, None);
         self.shadow.clear();
         self.media.begin(random);
     }
@@ -222,7 +222,7 @@ impl<'a> Replay<'a> {
     pub(super) fn end(&mut self) {
         self.settle(self.first.map_or(0, |first| first + 1));
         self.settle(0);
-        self.out.leave(&self.rest, &self.total);
+        self.out.note_residual(&self.rest, &self.total);
     }
 }
 
@@ -258,11 +258,11 @@ impl Replay<'_> {
                     }
                 }
             }
-            LightOrigin::Medium { medium, point, length } => {
+            LightOrigin::Medium { medium, point, share } => {
                 let cell = self.layout.medium(medium).emission;
                 let out = &mut *self.out;
                 let add = |voxel, g| out.add(offset(cell, voxel), g);
-                Derivatives::of(self.world, medium).emission_vjp(point, g * length, add);
+                Derivatives::of(self.world, medium).emission_vjp(point, g * share, add);
             }
             LightOrigin::Surface { instance, piece, uv } => {
                 let material = self.world.placed[instance as usize].material;

@@ -6,7 +6,7 @@ use super::accumulate::Accumulator;
 use super::layout::Layout;
 use super::parameter::MaterialValue;
 use super::replay::{Replay, offset};
-use crate::integrator::SurfaceVisit;
+use crate::integrator::{Sink, SurfaceVisit};
 use crate::world::{Interaction, SurfaceMaterial, World};
 use photofit_scalar::Vec3f;
 use photofit_scene::graph::SurfacePoint;
@@ -14,15 +14,15 @@ use photofit_scene::{SampleGradient, SampleSink};
 use photofit_shading::bsdf::{Bsdf, BsdfGradient};
 use std::ops::Add;
 
-/// Ways that a path takes from a first surface whose parameters decide where light goes. Derivatives of a density have both
-/// signs, which cancel among directions that are stratified; the rest of the path before it is shared.
-const WAYS: u32 = 4;
+/// Path splitting at a first surface with parameters that change the directions of light. Derivatives of a density have both
+/// signs, which cancel among stratified directions; the path up to there is shared.
+const SPLITS: u32 = 4;
 
-/// How many ways a path takes from a surface.
+/// Into how many a path is split at a first surface.
 #[inline(always)]
-pub(super) fn ways(world: &World, layout: &Layout, visit: &SurfaceVisit<'_>) -> u32 {
+pub(super) fn splits(world: &World, layout: &Layout, visit: &SurfaceVisit<'_>) -> u32 {
     let material = world.placed[visit.interaction.instance as usize].material;
-    if layout.materials[material as usize].directs { WAYS } else { 1 }
+    if layout.materials[material as usize].changes_directions { SPLITS } else { 1 }
 }
 
 /// Gradients with respect to what a surface is made of at a point.
@@ -46,6 +46,12 @@ pub(super) struct Here {
     frame: [Vec3f; 3],
     /// Gradients so far.
     gradient: SurfaceGradient,
+}
+
+impl SurfaceGradient {
+    fn is_finite(&self) -> bool {
+        self.bsdfs.iter().flatten().all(BsdfGradient::is_finite) && self.sample.is_none_or(|s| s.is_finite())
+    }
 }
 
 impl Here {
@@ -85,7 +91,9 @@ impl Replay<'_> {
         if let Some(index) = self.world.materials[here.material as usize].library {
             let d = self.world.library_vjp(index, &here.at, (&surface, here.wo), [wo, wi], g);
             gradient.sample = sum(gradient.sample, d);
-        } else if let (Bsdf::RoughConductor(metal), None) = (surface.bsdf, surface.second) {
+        } else if let (Bsdf::RoughConductor(metal), None) = (surface.bsdf, surface.second)
+            && metal.metal.reflectance.to_array().into_iter().all(|r| r > 0.0)
+        {
             let d = metal.eval_vjp_of(wo, wi, g, value);
             gradient.bsdfs[0] = sum(gradient.bsdfs[0], Some(BsdfGradient::RoughConductor(d)));
         } else {
@@ -97,7 +105,12 @@ impl Replay<'_> {
                 *total = sum(*total, d);
             }
         }
-        self.surfaces[place].gradient = gradient;
+        // A direction whose gradient is not finite leaves that of the others as it is.
+        if gradient.is_finite() {
+            self.surfaces[place].gradient = gradient;
+        } else {
+            self.not_finite();
+        }
     }
 
     /// Hands the gradients of all surfaces but the first `kept` on to parameters, and forgets them.

@@ -7,7 +7,7 @@ use super::surface::Here;
 use crate::integrator::{Contribution, PathVertex, Sink, SurfaceVisit};
 
 /// Reports that are kept of one path: four for every scattering event.
-pub(super) const LENGTH: usize = 96;
+pub(super) const LENGTH: usize = 192;
 
 /// A report to a sink, as the replay needs it.
 #[derive(Debug)]
@@ -18,7 +18,7 @@ enum Report {
     ShadowAbsorbed(u32, f32),
     Contribution(Contribution),
     Vertex(PathVertex),
-    Way,
+    Split,
     NotFinite,
 }
 
@@ -67,7 +67,7 @@ impl Tape {
                 Report::ShadowAbsorbed(material, length) => replay.shadow_absorbed(*material, *length),
                 Report::Contribution(light) => replay.contribution(light),
                 Report::Vertex(vertex) => replay.vertex(vertex),
-                Report::Way => replay.way(),
+                Report::Split => replay.split(),
                 Report::NotFinite => replay.not_finite(),
             }
         }
@@ -85,17 +85,17 @@ pub(super) struct Recorder<'a> {
 
 impl Sink for Recorder<'_> {
     const SURFACES: bool = true;
-    const WAYS: bool = true;
+    const SPLITS: bool = true;
 
     #[inline(always)]
-    fn ways(&self, first: &SurfaceVisit<'_>) -> u32 {
-        self.light.ways(first)
+    fn splits(&self, first: &SurfaceVisit<'_>) -> u32 {
+        self.light.splits(first)
     }
 
     #[inline(always)]
-    fn way(&mut self) {
-        self.light.way();
-        self.tape.push(Report::Way);
+    fn split(&mut self) {
+        self.light.split();
+        self.tape.push(Report::Split);
     }
 
     #[inline(always)]

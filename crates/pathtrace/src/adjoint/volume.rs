@@ -1,4 +1,4 @@
-//! Replay in media: derivatives with respect to extinction and albedo (Vicini, Speierer and Jakob 2021; differential ratio
+//! Replay in media: derivatives with respect to extinction, albedo and emission (Vicini, Speierer and Jakob 2021; differential ratio
 //! tracking after Nimier-David, Müller, Keller and Jakob 2022).
 //!
 //! With the rest `R` of a path's light, known at each flight, and the derivative of the loss in front of everything:
@@ -10,6 +10,7 @@
 //!   anywhere, with light gathered for them by a path of their own, for one flight per path, chosen by throughput and
 //!   length. Both are weighted by what adds up to 1 at each point: `sigma_t / (sigma_t + c)` and `c / (sigma_t + c)`,
 //!   with `c` one over the length of the flight's way in the medium. So no estimate is divided by a density that may be 0.
+//! - *Emission* at the points where the path looks it up; what dims it there is told as that of a shadow ray.
 //! - *Albedo* where it is small likewise: `a / (a + b)` of collisions, `b / (a + b)` of distances drawn by `T`.
 
 use super::layout::NONE;
@@ -57,9 +58,7 @@ impl Replay<'_> {
     pub(super) fn flown(&mut self, flight: &MediaFlight) {
         let rest = Vec3f::from_array(self.rest.map(|r| r as f32));
         let g = self.loss.mul(rest);
-        let boxes = (0..self.layout.volumes.len()).map(MediumRef::Volume);
-        let bounded = flight.bounded.map(|i| MediumRef::Bounded(i as usize));
-        for medium in boxes.chain(bounded) {
+        for medium in self.world.media.along(flight.bounded) {
             let cells = self.layout.medium(medium);
             if g != Vec3f::zero() {
                 let along = segment(flight, flight.length);
@@ -141,9 +140,7 @@ impl Replay<'_> {
         let (t, p) = (sample.t, flight.origin + flight.direction * sample.t);
         let mut g = self.loss.mul(flight.throughput).mul(sample.weight) * (self.media.total / weight);
         g = g.mul(absorbed(flight.absorption, t));
-        let boxes = (0..self.layout.volumes.len()).map(MediumRef::Volume);
-        let bounded = flight.bounded.map(|i| MediumRef::Bounded(i as usize));
-        for other in boxes.chain(bounded).filter(|m| *m != medium) {
+        for other in self.world.media.along(flight.bounded).filter(|m| *m != medium) {
             let along = segment(&flight, t);
             g = g.mul(Derivatives::of(self.world, other).transmittance(&along, rng));
         }

@@ -1,5 +1,6 @@
 //! What happens to a path, and to a shadow ray, in media.
 
+use super::emission::Flown;
 use super::path::{Departure, Path};
 use super::sink::{MediaFlight, PathVertex, PictureSink, ShadowFlight, Sink};
 use super::visibility::{Around, Passed};
@@ -27,16 +28,29 @@ struct Collision {
     g: f32,
 }
 
+/// What became of a flight.
+struct Flights {
+    collision: Option<Collision>,
+    /// How far it gets through media in boxes.
+    in_boxes: f32,
+    /// What the medium around the path leaves of the throughput.
+    weight: Option<Vec3f>,
+}
+
 impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
     /// The first collision with a medium before the surface `hit`.
     #[inline(never)]
     pub(super) fn collide(&mut self, hit: Option<&WorldHit>, crossings: u32) -> Event {
         let end = hit.map_or(self.ray.t_max, |h| h.t);
         let before = self.throughput;
-        let glows = self.world.media.glows(self.medium);
-        let collision = self.collision(end, crossings, glows);
-        if glows {
-            self.glow(hit, collision.as_ref().map_or(end, |c| c.t), before, crossings);
+        let emits = self.world.media.emits_along(self.medium);
+        let Flights { collision, in_boxes, weight } = self.collision(end, crossings, emits);
+        if emits {
+            let length = collision.as_ref().map_or(end, |c| c.t);
+            self.emission_along(hit, &Flown { length, in_boxes, before }, crossings);
+        }
+        if let Some(weight) = weight {
+            self.attenuate(weight);
         }
         if S::MEDIA {
             self.report_flight(hit, end, before, collision.as_ref());
@@ -123,9 +137,9 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
         self.depth += 1;
     }
 
-    /// The nearest of the collisions with all media; the throughput takes up what the medium around the path lets
-    /// through. Where one of them glows, flights end in what only absorbs, too ([`super::glow`]).
-    fn collision(&mut self, end: f32, crossings: u32, glows: bool) -> Option<Collision> {
+    /// The nearest of the collisions with all media. Where one of them emits light, flights end in what only absorbs, too
+    /// ([`super::emission`]).
+    fn collision(&mut self, end: f32, crossings: u32, emits: bool) -> Flights {
         let mut rng = self.random.tracking(0x1000 + 2 * (self.depth + crossings));
         let media = &self.world.media;
         let mut first: Option<(f32, Vec3f, usize)> = None;
@@ -136,11 +150,12 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
             }
         }
         let length = first.map_or(end, |f| f.0);
+        let mut weight = None;
         if let (Some(medium), Some(index)) = (media.bounded(self.medium), self.medium) {
             let along = Segment { origin: self.ray.origin, direction: self.ray.direction, length };
-            if !glows && (medium.absorbs_only || self.depth >= self.options.max_depth) {
+            if !emits && (medium.absorbs_only || self.depth >= self.options.max_depth) {
                 // What collides here scatters no more.
-                self.attenuate(medium.transmittance(&along, &mut rng));
+                weight = Some(medium.transmittance(&along, &mut rng));
             } else {
                 let mut numbers = None;
                 if self.flown <= self.depth {
@@ -149,21 +164,20 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
                 }
                 let numbers = numbers.unwrap_or_else(|| [rng.next_f32(), rng.next_f32()]);
                 let flight = medium.fly(&along, self.throughput, numbers, &mut rng);
-                self.attenuate(flight.weight);
+                weight = Some(flight.weight);
                 if let Some(t) = flight.collision {
                     let albedo = medium.albedo(along.origin + along.direction * t);
-                    return Some(Collision {
-                        medium: MediumRef::Bounded(index as usize),
-                        t,
-                        albedo,
-                        g: medium.g,
-                    });
+                    let medium_of_it = MediumRef::Bounded(index as usize);
+                    let collision = Collision { medium: medium_of_it, t, albedo, g: medium.g };
+                    return Flights { collision: Some(collision), in_boxes: length, weight };
                 }
             }
         }
-        let (t, q, i) = first?;
-        let medium = &media.boxes[i];
-        Some(Collision { medium: MediumRef::Volume(i), t, albedo: medium.albedo(q), g: medium.g })
+        let collision = first.map(|(t, q, i)| {
+            let medium = &media.boxes[i];
+            Collision { medium: MediumRef::Volume(i), t, albedo: medium.albedo(q), g: medium.g }
+        });
+        Flights { collision, in_boxes: length, weight }
     }
 
     /// Whether light may pass a surface without a scattering event.

@@ -1,8 +1,8 @@
 //! Estimators of the radiance that arrives along a ray.
 
 mod absorbers;
+mod emission;
 mod first;
-mod glow;
 pub(crate) mod medium;
 pub(crate) mod path;
 mod sink;

@@ -63,8 +63,6 @@ pub(super) struct Path<'a, const F: u32, S, D> {
     pub(super) depth: u32,
     /// The numbers of the next direction are stratified together with those of the last one.
     together: bool,
-    /// It is one of several ways ([`Self::take_ways`]).
-    parted: bool,
 }
 
 /// The picture's part of a path; what `F` lacks is not compiled in.
@@ -160,7 +158,6 @@ impl<'a, const F: u32, S: Sink, D: DirectionSampler> Path<'a, F, S, D> {
             flown: 0,
             depth: 0,
             together: false,
-            parted: false,
         }
     }
 
@@ -240,10 +237,10 @@ impl<'a, const F: u32, S: Sink, D: DirectionSampler> Path<'a, F, S, D> {
             if (self.depth >= self.options.max_depth && !crossable) || crossings > MAX_CROSSINGS {
                 break;
             }
-            if S::WAYS && self.depth == 0 && !self.parted {
-                let ways = self.sink.ways(&SurfaceVisit { interaction: &at, wo, material: &material });
-                if ways > 1 {
-                    self.take_ways(&at, &material, crossings, ways);
+            if S::SPLITS && self.depth == 0 {
+                let splits = self.sink.splits(&SurfaceVisit { interaction: &at, wo, material: &material });
+                if splits > 1 {
+                    self.split(&at, &material, crossings, splits);
                     break;
                 }
             }
@@ -261,20 +258,20 @@ impl<'a, const F: u32, S: Sink, D: DirectionSampler> Path<'a, F, S, D> {
         alpha
     }
 
-    /// Takes several ways from the first surface to their ends, each with its share of the light; light is chosen once.
+    /// Path splitting at the first surface: several directions are followed, each with an equal share of the light, after one next-event
+    /// estimation.
     #[inline(never)]
-    fn take_ways(&mut self, at: &Interaction, material: &SurfaceMaterial<'_>, crossings: u32, count: u32) {
-        self.parted = true;
+    fn split(&mut self, at: &Interaction, material: &SurfaceMaterial<'_>, crossings: u32, count: u32) {
         self.with_light(at, material, |path, vertex, local, from| {
             let (random, ray, inside, medium) = (path.random, path.ray, path.inside, path.medium);
             let (throughput, unseen, last, flown) = (path.throughput, path.unseen, path.last, path.flown);
             for index in 0..count {
-                path.random = random.way(index, count);
+                path.random = random.split(index, count);
                 (path.ray, path.inside, path.medium) = (ray, inside, medium);
                 (path.last, path.flown, path.depth, path.together) = (last, flown, 0, false);
-                // Roulette is blind to the share.
+                // Roulette ignores the share.
                 (path.throughput, path.unseen) = (throughput * (1.0 / count as f32), unseen * count as f32);
-                path.sink.way();
+                path.sink.split();
                 match path.choose(at, material, (vertex, local, from), crossings) {
                     Step::Scattered => {
                         path.depth = 1;
@@ -282,10 +279,8 @@ impl<'a, const F: u32, S: Sink, D: DirectionSampler> Path<'a, F, S, D> {
                             path.go_on(crossings);
                         }
                     }
-                    Step::Crossed => {
-                        path.go_on(crossings + 1);
-                    }
-                    Step::Ended => {}
+                    // Surfaces with such parameters are never passed.
+                    Step::Crossed | Step::Ended => {}
                 }
             }
         });

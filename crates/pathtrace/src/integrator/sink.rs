@@ -19,7 +19,7 @@ pub enum Found {
     Emission,
     /// The path left the world.
     Environment,
-    /// A medium on the way of the path sent it out; a part of a flight, at most up to its collision.
+    /// A medium on the way of the path emitted it; a part of a flight, at most up to its collision.
     Medium,
 }
 
@@ -40,7 +40,7 @@ pub struct Contribution {
     /// Radiance of the light; the irradiance on a facing surface for lights without a surface.
     pub radiance: Vec3f,
     /// What media and absorbing surfaces on the shadow ray of [`Found::NextEvent`] let through; for [`Found::Medium`] what absorbing
-    /// solids do, and the weight of a flight that came so far; else 1 (what lies before the vertex is in the throughput).
+    /// solids do, times the length of the way or the transmittance over the density of the point; else 1 (what lies before the vertex is in the throughput).
     pub transmittance: Vec3f,
     /// Weight of multiple importance sampling.
     pub weight: f32,
@@ -145,20 +145,20 @@ pub trait Sink {
     #[inline(always)]
     fn surface(&mut self, _visit: &SurfaceVisit<'_>) {}
 
-    /// Whether [`Self::ways`] is asked.
-    const WAYS: bool = false;
+    /// Whether [`Self::splits`] is called.
+    const SPLITS: bool = false;
 
-    /// How many ways the path takes from the first surface that may scatter it, at least 1; each carries its share of the
-    /// light.
+    /// Into how many the path is split at the first surface that may scatter it, at least 1 (path splitting); each carries an equal
+    /// share of the light.
     #[inline(always)]
-    fn ways(&self, _first: &SurfaceVisit<'_>) -> u32 {
+    fn splits(&self, _first: &SurfaceVisit<'_>) -> u32 {
         1
     }
 
-    /// One of several ways begins at the first surface, whose own light and chosen light are told already; what follows, up to the
-    /// next call or the end, belongs to it.
+    /// One of several splits begins at the first surface, whose emission and next-event estimation are reported already; what
+    /// follows, up to the next call or the end, belongs to it.
     #[inline(always)]
-    fn way(&mut self) {}
+    fn split(&mut self) {}
 
     /// A length of the way, in the render frame, lay in the absorbing solid of a material; [`Self::attenuate`] with its
     /// factor follows.
@@ -327,16 +327,16 @@ impl Sink for TrainingSink {
 
 impl<S: Sink> Sink for &mut S {
     const FIRST: bool = S::FIRST;
-    const WAYS: bool = S::WAYS;
+    const SPLITS: bool = S::SPLITS;
 
     #[inline(always)]
-    fn ways(&self, first: &SurfaceVisit<'_>) -> u32 {
-        (**self).ways(first)
+    fn splits(&self, first: &SurfaceVisit<'_>) -> u32 {
+        (**self).splits(first)
     }
 
     #[inline(always)]
-    fn way(&mut self) {
-        (**self).way();
+    fn split(&mut self) {
+        (**self).split();
     }
 
     const SURFACES: bool = S::SURFACES;

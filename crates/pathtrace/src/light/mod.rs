@@ -77,14 +77,14 @@ pub enum LightOrigin {
     Source(u32),
     /// The environment.
     Environment,
-    /// A part of a path in a medium that sends out light.
+    /// A point of a path in a medium that emits light.
     Medium {
         /// The medium.
         medium: MediumRef,
         /// A point of it in the render frame.
         point: Vec3f,
-        /// Length of the part.
-        length: f32,
+        /// Share of the estimate: one over the number of points.
+        share: f32,
     },
     /// A surface that emits.
     Surface {

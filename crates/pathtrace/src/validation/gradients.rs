@@ -3,8 +3,8 @@
 mod filters;
 mod samplers;
 mod sharing;
+mod splitting;
 mod tapes;
-mod ways;
 
 use super::scenes::{cornell, cornell_view, diffuse, looking, place, quad, square};
 use crate::{
@@ -159,6 +159,10 @@ fn of(material: usize, value: MaterialValue) -> Parameter {
 
 /// A ball of metal on a floor under a sky.
 fn metals(distribution: Distribution) -> World {
+    World::new(metal_parts(distribution)).unwrap()
+}
+
+fn metal_parts(distribution: Distribution) -> Parts {
     let mut parts = Parts::default();
     let ground = quad(vec3(-3.0, -0.5, -3.0), vec3(0.0, 0.0, 6.0), vec3(6.0, 0.0, 0.0));
     place(&mut parts, ground, Material::new(diffuse(0.5, 0.4, 0.3)));
@@ -166,7 +170,7 @@ fn metals(distribution: Distribution) -> World {
     parts.add(ball, Material::new(metal(distribution, 0.35)));
     let sky = Image::from_fn(16, 8, 3, |x, y, _| 0.2 + if y < 4 && x % 8 < 4 { 1.0 } else { 0.0 });
     parts.environment = Some(EnvironmentMap::new(sky));
-    World::new(parts).unwrap()
+    parts
 }
 
 /// Materials of the room by their order, and the metal.
@@ -494,6 +498,33 @@ fn surfaces_in_fog_have_gradients() {
     };
     let (parameter, view) = (of(9, MaterialValue::Reflectance), cornell_view());
     Case { name: "reflectance in fog", world: &world, view, parameter, step: 0.05, edit: &edit }.check();
+}
+
+/// Paths that are split at a metal behind and within fog.
+#[test]
+fn metals_in_fog_have_gradients() {
+    let alpha = |world: &mut World, o: &[f64]| {
+        change(world, BALL, |m| {
+            if let BsdfSource::Uniform(Bsdf::RoughConductor(c)) = &mut m.scattering {
+                c.surface.alpha_x += o[0] as f32;
+                c.surface.alpha_y += o[0] as f32;
+            }
+        });
+    };
+    let view = looking([0.0, 0.6, 2.6], [-0.3, 0.0, 0.0], 0.6);
+    for extinction in [Vec3f::splat(0.4), vec3(0.2, 0.4, 0.8)] {
+        let world = || {
+            let mut parts = metal_parts(Distribution::Ggx);
+            let albedo = vec3(0.9, 0.8, 0.7);
+            parts.media.push(crate::BoundedMedium::homogeneous(extinction, albedo, 0.3));
+            let ball = Shape::Sphere { center: vec3(-0.2, 0.1, 0.4), radius: 0.9 };
+            let fog = parts.add(ball, Material::new(Bsdf::Null(Null)));
+            parts.boundaries.push(crate::Boundary { instance: fog, interior: Some(0), exterior: None });
+            World::new(parts).unwrap()
+        };
+        let (name, parameter) = ("alpha in fog", of(BALL, MaterialValue::Alpha));
+        Case { name, world: &world, view, parameter, step: 0.06, edit: &alpha }.check();
+    }
 }
 
 #[test]

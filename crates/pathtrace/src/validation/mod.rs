@@ -9,11 +9,11 @@ mod distances;
 mod edits;
 mod furnace;
 mod geometry;
-mod glow;
 mod gradients;
 mod library;
 mod lights;
 mod media;
+mod medium_emission;
 #[cfg(feature = "mitsuba")]
 mod mitsuba;
 mod plans;

@@ -3,8 +3,8 @@
 use super::scenes::{cornell, cornell_view, diffuse, glossy, looking, place, quad, square};
 use super::statistics::agree;
 use crate::{
-    Boundary, BoundedMedium, Contribution, EnvironmentMap, Found, Material, Parts, PathVertex, PictureSink,
-    RenderOptions, Renderer, Shape, Sink, TrainingSink, View, World,
+    Boundary, BoundedMedium, Contribution, EnvironmentMap, Field, Found, Material, Parts, PathVertex,
+    PictureSink, RenderOptions, Renderer, Shape, Sink, TrainingSink, View, World,
 };
 use photofit_flow::{FlowError, Guide, Guided, Query, Record as Learned};
 use photofit_image::Image;
@@ -112,6 +112,15 @@ fn foggy() -> World {
     World::new(parts).unwrap()
 }
 
+/// The same, and the fog emits light of its own.
+fn glowing() -> World {
+    let mut world = foggy();
+    let medium = BoundedMedium::homogeneous(vec3(1.5, 1.0, 0.5), vec3(0.9, 0.8, 0.7), 0.3);
+    let emission = Some(Field::constant(vec3(0.5, 1.0, 2.0)));
+    world.set_medium(0, BoundedMedium { emission, ..medium }).unwrap();
+    world
+}
+
 fn from_above() -> View {
     looking([0.0, 1.2, 2.2], [0.0, 0.2, 0.0], 0.8)
 }
@@ -122,13 +131,14 @@ fn contributions_sum_up_to_the_picture() {
         ("box", World::new(cornell()).unwrap(), cornell_view()),
         ("mixed", mixed(0.0), from_above()),
         ("fog", foggy(), cornell_view()),
+        ("glowing fog", glowing(), cornell_view()),
     ];
     const SPP: u32 = 8;
     for (name, world, view) in cases {
         let mut renderer = Renderer::new(&world, &view, square(12, SPP)).unwrap();
         while !renderer.pass(|| false).done {}
         let picture = renderer.picture();
-        let mut found = [0_usize; 3];
+        let mut found = [0_usize; 4];
         for y in 0..12 {
             for x in 0..12 {
                 let mut sum = [0.0_f64; 3];
@@ -152,6 +162,7 @@ fn contributions_sum_up_to_the_picture() {
         }
         assert!(found[0] > 500 && found[1] > 10, "{name}: {found:?}");
         assert!((found[2] > 0) == world.lights.environment.is_some(), "{name}: {found:?}");
+        assert!((found[3] > 100) == name.starts_with("glowing"), "{name}: {found:?}");
     }
 }
 
@@ -188,11 +199,25 @@ fn light_that_is_met_and_not_finite_is_left_out_of_all_sinks() {
 
 #[test]
 fn recorded_radiance_is_what_arrives() {
-    // Inside of a glowing sphere with Le = Kd = 1/2 radiance is 1 everywhere and from everywhere.
-    let mut parts = Parts::default();
-    let mut material = Material::new(diffuse(0.5, 0.5, 0.5)).emitting(Vec3f::splat(0.5));
-    (material.emits_both_sides, material.two_sided) = (true, true);
-    parts.add(Shape::Sphere { center: Vec3f::zero(), radius: 1.0 }, material);
+    // Inside of a glowing sphere with Le = Kd = 1/2 radiance is 1 everywhere and from everywhere; also where the sphere is full
+    // of a coloured medium that emits what it absorbs.
+    for full in [false, true] {
+        let mut parts = Parts::default();
+        let mut material = Material::new(diffuse(0.5, 0.5, 0.5)).emitting(Vec3f::splat(0.5));
+        (material.emits_both_sides, material.two_sided) = (true, true);
+        parts.add(Shape::Sphere { center: Vec3f::zero(), radius: 1.0 }, material);
+        if full {
+            let (extinction, albedo) = (vec3(1.5, 0.2, 0.6), vec3(0.3, 0.8, 0.1));
+            let emission = Some(Field::constant(extinction.mul(albedo.map(|a| 1.0 - a))));
+            let medium = BoundedMedium::homogeneous(extinction, albedo, 0.2);
+            parts.media.push(BoundedMedium { emission, ..medium });
+            parts.medium_around_camera = Some(0);
+        }
+        recorded_radiance_is_one(parts);
+    }
+}
+
+fn recorded_radiance_is_one(parts: Parts) {
     let world = World::new(parts).unwrap();
     let view = looking([0.3, 0.1, 0.2], [0.0, 0.4, -1.0], 1.2);
     let mut options = square(16, 64);
@@ -221,7 +246,9 @@ fn mean_of_vertices(renderer: &Renderer<'_>, sampler: &impl DirectionSampler) ->
             sink.begin();
             renderer.walk([pixel % 16, pixel / 16], sample, sampler, &mut sink);
             for v in sink.vertices.iter().filter(|v| v.event.depth < 2) {
-                let above = v.event.wi.dot(v.event.normal) * v.event.wo.dot(v.event.normal) > 0.0;
+                let in_medium = v.event.instance == u32::MAX;
+                let above =
+                    in_medium || v.event.wi.dot(v.event.normal) * v.event.wo.dot(v.event.normal) > 0.0;
                 assert!(above && v.event.pdf > 0.0, "{v:?}");
                 let value = f64::from(v.radiance.x);
                 let sum = &mut sums[v.event.depth as usize];

@@ -106,9 +106,9 @@ impl Cloud {
         let transform =
             DAffine3::from_translation(DVec3::splat(-CUBE)) * DAffine3::from_scale(DVec3::splat(2.0 * CUBE));
         let (density, albedo) = (self.filled(&self.density), self.filled(&self.albedo));
-        let glows = !self.emission.is_empty();
+        let emits = !self.emission.is_empty();
         let emission =
-            glows.then(|| Field { size: self.size, values: self.filled(&self.emission), transform });
+            emits.then(|| Field { size: self.size, values: self.filled(&self.emission), transform });
         if self.kind == Kind::Box {
             parts.volumes.push(Volume {
                 size: self.size,

@@ -3,6 +3,7 @@
 //! Colours of a homogeneous medium have mean free paths of their own. A flight is drawn for one of them, by the share of
 //! light that it carries, and weighted by the density over all (the balance heuristic; Wilkie et al. 2014).
 
+use super::derivative::sample_evenly;
 use super::field::Lookup;
 use super::{Field, Medium, Volume, emission};
 use crate::PathtraceError;
@@ -22,7 +23,7 @@ pub struct BoundedMedium {
     pub albedo: Field,
     /// Mean cosine of scattering (Henyey and Greenstein), in `(-1, 1)`; positive scatters forward, 0 is isotropic.
     pub g: f32,
-    /// Light that it sends out per unit of length, W/(m^3 sr), whatever its extinction; beyond the box of a grid none. `None`:
+    /// Light that it emits per unit of length, W/(m^3 sr), whatever its extinction; beyond the box of a grid none. `None`:
     /// none, and its derivative is not known.
     pub emission: Option<Field>,
 }
@@ -97,9 +98,8 @@ impl InteriorMedium {
         if !(scale >= 0.0 && scale.is_finite()) {
             return fail(format!("its scale is {scale}; it must be finite and not negative"));
         }
-        let positive = ("finite and not negative", |x: f32| (0.0..=f32::MAX).contains(&x));
         let share = ("in [0, 1]", |x: f32| (0.0..=1.0).contains(&x));
-        let fault = extinction.fault("extinction", positive).or_else(|| albedo.fault("albedo", share));
+        let fault = extinction.fault("extinction", emission::RULE).or_else(|| albedo.fault("albedo", share));
         let fault = fault.or_else(|| emission.as_ref().and_then(|e| e.fault("emission", emission::RULE)));
         if let Some(rule) = fault {
             return fail(rule);
@@ -165,6 +165,25 @@ impl InteriorMedium {
                 Flight { collision: found.map(|f| f.0), weight: Vec3f::splat(1.0) }
             }
         }
+    }
+
+    /// Whether its extinction is the same everywhere.
+    pub(crate) fn is_even(&self) -> bool {
+        matches!(self.extinction, Extinction::Even { .. })
+    }
+
+    /// In an even medium, a distance along a ray with a density proportional to transmittance, of colours by their share of the
+    /// throughput, with the transmittance over the density. `None` where no colour has a finite way.
+    pub(crate) fn distance(
+        &self,
+        [from, to]: [f32; 2],
+        throughput: Vec3f,
+        u: f32,
+        rng: &mut Rng,
+    ) -> Option<(f32, Vec3f)> {
+        let Extinction::Even { sigma, .. } = &self.extinction else { return None };
+        let sample = sample_evenly(*sigma, to - from, throughput, [rng.next_f32(), u])?;
+        Some((from + sample.t, sample.weight.mul(sigma.map(|s| survival(s, from)))))
     }
 
     /// Weight of light at a distance that a flight of this throughput ([`Self::fly`]) came to.

@@ -1,4 +1,4 @@
-//! Derivatives of flights through one medium, with respect to its extinction and albedo.
+//! Derivatives of flights through one medium, with respect to its extinction and albedo; its emission has `emission`.
 //!
 //! Light along a segment is the integral of `T sigma_t a L_s` up to its end, plus `T L` of what lies there: `T` is
 //! transmittance, `a` the albedo, `L_s` what the phase function gathers. The derivative of `T` at a distance is `-T`
@@ -161,19 +161,7 @@ impl<'a> Derivatives<'a> {
             return Some(Sample { t, weight: Vec3f::splat(weight) });
         }
         let sigma = self.extinction(along.origin);
-        let total = share.sum();
-        let (choice, u, length) = (rng.next_f32() * total, rng.next_f32(), along.length);
-        let drawn = if choice < share.x {
-            sigma.x
-        } else if choice < share.x + share.y {
-            sigma.y
-        } else {
-            sigma.z
-        };
-        let t = truncated_exponential(drawn, length, u);
-        let pdf = share.dot(sigma.map(|s| truncated_pdf(s, length, t))) / total;
-        let weight = sigma.map(|s| survival(s, t)) * (1.0 / pdf);
-        weight.is_finite().then_some(Sample { t, weight })
+        sample_evenly(sigma, along.length, share, [rng.next_f32(), rng.next_f32()])
     }
 
     /// The albedo at which its derivative is told half by light scattered so far; 0: by that alone.
@@ -185,6 +173,36 @@ impl<'a> Derivatives<'a> {
         let dark = values.iter().any(|a| a.to_array().iter().any(|x| *x < DARK));
         if dark { DARK_HALF } else { 0.0 }
     }
+}
+
+/// A distance below `length`, which may be infinite, with a density proportional to transmittance, of colours by their
+/// `share`; those that have no extinction count on finite ways alone.
+pub(super) fn sample_evenly(
+    sigma: Vec3f,
+    length: f32,
+    share: Vec3f,
+    [choice, u]: [f32; 2],
+) -> Option<Sample> {
+    let mut share = share;
+    if !length.is_finite() {
+        (0..3).filter(|c| sigma[*c] == 0.0).for_each(|c| share[c] = 0.0);
+    }
+    let total = share.sum();
+    let choice = choice * total;
+    let drawn = if choice < share.x {
+        sigma.x
+    } else if choice < share.x + share.y {
+        sigma.y
+    } else {
+        sigma.z
+    };
+    let t = truncated_exponential(drawn, length, u);
+    let mut pdf = 0.0;
+    for c in (0..3).filter(|c| share[*c] > 0.0) {
+        pdf += share[c] / total * truncated_pdf(sigma[c], length, t);
+    }
+    let weight = sigma.map(|s| survival(s, t)) * (1.0 / pdf);
+    weight.is_finite().then_some(Sample { t, weight })
 }
 
 /// An exponential distance of extinction `sigma`, below `length`.

@@ -1,4 +1,4 @@
-//! Light that media send out of themselves.
+//! Light that media emit.
 
 use super::field::Lookup;
 use super::{Derivatives, Media, MediumRef, Segment};
@@ -6,8 +6,8 @@ use crate::PathtraceError;
 use crate::error::invalid;
 use photofit_scalar::Vec3f;
 
-/// A part of a ray along which a medium sends out light.
-pub(crate) struct Glow<'a> {
+/// A part of a ray along which a medium emits light.
+pub(crate) struct EmittingPart<'a> {
     pub(crate) emission: &'a Lookup,
     /// Distances along the ray.
     pub(crate) from: f32,
@@ -36,25 +36,25 @@ impl Media {
 
     /// Whether a medium along a ray in the bounded medium `around` sends out light.
     #[inline]
-    pub(crate) fn glows(&self, around: Option<u32>) -> bool {
+    pub(crate) fn emits_along(&self, around: Option<u32>) -> bool {
         self.along(around).any(|m| self.emission(m).is_some())
     }
 
-    /// Whether any medium sends out light, if only as a value that may change.
-    pub(crate) fn emit(&self) -> bool {
+    /// Whether any medium emits light, if only as a value that may change.
+    pub(crate) fn emits(&self) -> bool {
         let bounded = (0..self.bounded.len()).map(MediumRef::Bounded);
         self.along(None).chain(bounded).any(|m| self.emission(m).is_some())
     }
 
-    /// Where on a ray a medium sends out light.
-    pub(crate) fn glow(&self, medium: MediumRef, ray: &Segment) -> Option<Glow<'_>> {
+    /// Where on a ray a medium emits light.
+    pub(crate) fn emitting_part(&self, medium: MediumRef, ray: &Segment) -> Option<EmittingPart<'_>> {
         let emission = self.emission(medium)?;
         let [mut from, mut to] = emission.span(ray)?;
         if let MediumRef::Volume(i) = medium {
             let own = self.boxes[i].clip(ray.origin, ray.direction, ray.length)?;
             (from, to) = (from.max(own.from), to.min(own.to));
         }
-        (from < to).then_some(Glow { emission, from, to })
+        (from < to).then_some(EmittingPart { emission, from, to })
     }
 
     /// The values of an emission; empty without one.

@@ -30,7 +30,7 @@ pub struct Volume {
     pub albedos: Vec<Vec3f>,
     /// Mean cosine of scattering, in `(-1, 1)`; positive scatters forward.
     pub g: f32,
-    /// Light that it sends out per unit of length, W/(m^3 sr), in the part of its box that the field covers, whatever the density
+    /// Light that it emits per unit of length, W/(m^3 sr), in the part of its box that the field covers, whatever the density
     /// is there. `None`: none, and its derivative is not known.
     pub emission: Option<Field>,
     /// The unit cube to the world.

@@ -18,7 +18,7 @@ pub use parameter::{MediumRef, MediumValue};
 
 pub(crate) use bounded::{InteriorMedium, Segment};
 pub(crate) use derivative::Derivatives;
-pub(crate) use emission::Glow;
+pub(crate) use emission::EmittingPart;
 pub(crate) use grid::Medium;
 pub(crate) use media::Media;
 pub(crate) use phase::{phase, sample_phase};

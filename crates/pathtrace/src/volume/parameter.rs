@@ -80,20 +80,31 @@ impl Media {
         }
     }
 
+    /// Length across a medium; `size` where it has no box of its own.
+    ///
+    /// # Panics
+    /// If there is no such medium.
+    pub(crate) fn length(&self, medium: MediumRef, size: f32) -> f32 {
+        match medium {
+            MediumRef::Volume(i) => self.boxes[i].extent(),
+            MediumRef::Bounded(i) => match &self.bounded[i].extinction {
+                Extinction::Even { .. } => size,
+                Extinction::Grid(grid) => grid.extent().min(size),
+            },
+        }
+    }
+
     /// The value of an extinction at which a ray across the whole medium has optical thickness 1; across `size` where the
     /// medium has no box of its own. 1 where nothing can have that.
     ///
     /// # Panics
     /// If there is no such medium.
     pub(crate) fn unit_extinction(&self, medium: MediumRef, size: f32) -> f32 {
-        let (scale, length) = match medium {
-            MediumRef::Volume(i) => (self.boxes[i].scale(), self.boxes[i].extent()),
-            MediumRef::Bounded(i) => match &self.bounded[i].extinction {
-                Extinction::Even { .. } => (self.bounded[i].scale, size),
-                Extinction::Grid(grid) => (grid.scale(), grid.extent().min(size)),
-            },
+        let scale = match medium {
+            MediumRef::Volume(i) => self.boxes[i].scale(),
+            MediumRef::Bounded(i) => self.bounded[i].scale,
         };
-        let value = 1.0 / (scale * length);
+        let value = 1.0 / (scale * self.length(medium, size));
         if value.is_finite() && value > 0.0 { value } else { 1.0 }
     }
 

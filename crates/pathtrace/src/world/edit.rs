@@ -361,6 +361,15 @@ impl World {
         }
     }
 
+    /// Length across a medium, in units of the world, positive; 1 where there is no such medium or nothing of it.
+    pub fn length_across(&self, medium: MediumRef) -> f32 {
+        let length = match self.media.size(medium, MediumValue::Extinction) {
+            Ok(_) => self.media.length(medium, self.across(medium)),
+            Err(_) => 1.0,
+        };
+        if length > 0.0 && length.is_finite() { length } else { 1.0 }
+    }
+
     /// Length across a medium: of the largest box around an instance that it fills, or across the world where none does.
     fn across(&self, medium: MediumRef) -> f32 {
         let MediumRef::Bounded(index) = medium else { return 2.0 * self.radius };

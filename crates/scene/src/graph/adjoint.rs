@@ -47,9 +47,9 @@ impl SurfaceGraph {
         out
     }
 
-    /// Whether each of [`Self::textures`] decides where light is scattered to, and not only how much of it: the alphas of
+    /// Whether each of [`Self::textures`] changes the directions of scattered light, and not only how much of it there is: the alphas of
     /// rough metals.
-    pub fn directs_light(&self) -> Vec<bool> {
+    pub fn changes_directions(&self) -> Vec<bool> {
         let mut out = Vec::new();
         self.root.mark(&mut out, &|leaf, k, _| matches!(leaf, SurfaceNode::Conductor { .. }) && k >= 3);
         out.extend(self.emission.iter().map(|_| false));

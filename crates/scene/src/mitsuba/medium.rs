@@ -35,7 +35,7 @@ pub struct MitsubaMedium {
     pub albedo: MitsubaVolume,
     /// Mean cosine of scattering (Henyey and Greenstein); 0: isotropic.
     pub g: f32,
-    /// Light that it sends out per unit of length, whatever its extinction, within the box of a grid (our addition to
+    /// Light that it emits per unit of length, whatever its extinction, within the box of a grid (our addition to
     /// Mitsuba's format). `None`: none.
     pub emission: Option<MitsubaVolume>,
 }

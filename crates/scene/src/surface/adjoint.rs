@@ -19,6 +19,14 @@ pub struct SampleGradient {
     pub emissive: Vec3f,
 }
 
+impl SampleGradient {
+    /// Whether all of it is finite.
+    pub fn is_finite(&self) -> bool {
+        let sum = (self.base_color + self.normal + self.emissive).sum() + self.roughness + self.metallic;
+        sum.is_finite()
+    }
+}
+
 impl Add for SampleGradient {
     type Output = Self;
 

@@ -43,10 +43,24 @@ pub struct GltfGradient<T = f32> {
     pub n: Vec3<T>,
 }
 
+impl<T: Real> BsdfGradient<T> {
+    /// Whether what it says of the material and of the normal is finite.
+    pub fn is_finite(&self) -> bool {
+        let sum = match self {
+            Self::Diffuse(d) => (d.reflectance + d.n).sum(),
+            Self::MetallicRoughness(d) => {
+                (d.lobes.diffuse + d.lobes.f0 + d.n).sum() + d.lobes.f90 + d.lobes.roughness
+            }
+            Self::RoughConductor(d) => d.reflectance.sum() + d.alpha[0] + d.alpha[1],
+        };
+        sum.is_finite()
+    }
+}
+
 impl<T: Real> Add for BsdfGradient<T> {
     type Output = Self;
 
-    /// The sum of two gradients of one BSDF, which are of one kind.
+    /// The sum of two gradients of one BSDF, which are of one kind; of directions it means something where these are the same.
     #[inline]
     fn add(self, other: Self) -> Self {
         match (self, other) {
@@ -70,7 +84,7 @@ impl<T: Real> Add for BsdfGradient<T> {
                     alpha,
                 })
             }
-            (_, other) => other,
+            _ => unreachable!("one BSDF has gradients of one kind"),
         }
     }
 }

@@ -79,7 +79,7 @@ impl<T: Real> RoughConductor<T> {
     }
 
     /// As [`Self::eval_vjp`] where the `value` is known, which may have a further factor that `g` then lacks: without
-    /// Fresnel's equations. A channel of the reflectance that is 0 has no gradient.
+    /// Fresnel's equations. A channel of the reflectance that is 0 gets none here: [`Self::eval_vjp`] tells it.
     pub fn eval_vjp_of(
         &self,
         wo: Vec3<T>,

@@ -1,9 +1,9 @@
-//! Media that send out light: derivatives of emission, extinction and albedo.
+//! Media that emit light: derivatives of emission, extinction and albedo.
 
 use super::*;
 
 /// A cloud whose light is half its own.
-fn glowing(kind: Kind, density: f32) -> Cloud {
+fn emitting(kind: Kind, density: f32) -> Cloud {
     let voxels = if matches!(kind, Kind::Even | Kind::Around) { 1 } else { 12 };
     let emission = |i: u64| vec3(noise(i, 20), noise(i, 21), 0.0) * 2.0;
     Cloud { emission: (0..voxels).map(emission).collect(), ..Cloud::uniform(kind, density) }
@@ -25,7 +25,7 @@ fn check(cloud: &Cloud, values: &[(MediumValue, f64)], spp: [u32; 2], resolved: 
         let a = cloud.replayed(*value, spp[0], |_, c| if extinction { cloud.tint[c].into() } else { 1.0 });
         let from_above = *value == MediumValue::Emission || cloud.density.contains(&0.0);
         let b = differences(|x| moved(cloud, *value, x), *step, from_above, spp[1]);
-        compare(&format!("{:?} {:?} of a glow", cloud.kind, value), a, b, resolved);
+        compare(&format!("{:?} {:?}, emitting", cloud.kind, value), a, b, resolved);
     }
 }
 
@@ -33,17 +33,17 @@ const VALUES: [(MediumValue, f64); 3] =
     [(MediumValue::Extinction, 0.04), (MediumValue::Albedo, 0.05), (MediumValue::Emission, 0.2)];
 
 #[test]
-fn derivatives_of_glowing_media_are_those_of_differences() {
-    check(&glowing(Kind::Bounded, 0.6), &VALUES, [64, 256], 0.1);
+fn derivatives_of_emitting_media_are_those_of_differences() {
+    check(&emitting(Kind::Bounded, 0.6), &VALUES, [64, 256], 0.1);
 }
 
 #[test]
 #[ignore = "slow: many samples"]
-fn derivatives_of_all_glowing_media_are_those_of_differences() {
+fn derivatives_of_all_emitting_media_are_those_of_differences() {
     for kind in [Kind::Even, Kind::Bounded, Kind::Box, Kind::Around] {
         for density in [0.0, 0.6, 1.5] {
             let none = density == 0.0 || kind == Kind::Around;
-            let mut cloud = glowing(kind, density);
+            let mut cloud = emitting(kind, density);
             let values = if none && density == 0.0 { vec![VALUES[0], VALUES[2]] } else { VALUES.to_vec() };
             if kind == Kind::Around && density == 0.0 {
                 continue;
@@ -60,7 +60,7 @@ fn derivatives_of_all_glowing_media_are_those_of_differences() {
     }
 }
 
-/// A view along x through four voxels that absorb and send out light, before nothing: the light of a voxel is dimmed by
+/// A view along x through four voxels that absorb and emit light, before nothing: the light of a voxel is dimmed by
 /// those in front of it.
 #[test]
 fn own_light_has_its_closed_form() {

@@ -142,19 +142,22 @@ fn values_are_read_and_replaced() {
         if kind == Kind::Even {
             c.size = [1; 3];
         }
+        c.emission = vec![vec3(0.5, 0.1, 0.0)];
         let mut world = c.world();
-        for value in [MediumValue::Extinction, MediumValue::Albedo] {
+        for value in [MediumValue::Extinction, MediumValue::Albedo, MediumValue::Emission] {
             let parameter = kind.parameter(value);
             let old = world.parameter(&parameter).unwrap();
-            let channels = if value == MediumValue::Albedo || kind == Kind::Even { 3 } else { 1 };
+            let channels = if value == MediumValue::Extinction && kind != Kind::Even { 1 } else { 3 };
             assert_eq!(old.len(), channels * c.voxels());
             let new: Vec<f32> = old.iter().map(|v| 0.9 * v + 0.05).collect();
             world.set_parameter(&parameter, &new).unwrap();
             assert_eq!(world.parameter(&parameter).unwrap(), new);
             match value {
                 MediumValue::Extinction => c.density = new.iter().step_by(channels).copied().collect(),
-                MediumValue::Emission => unreachable!("no emission"),
                 MediumValue::Albedo => c.albedo = new.chunks(3).map(|v| vec3(v[0], v[1], v[2])).collect(),
+                MediumValue::Emission => {
+                    c.emission = new.chunks(3).map(|v| vec3(v[0], v[1], v[2])).collect();
+                }
             }
         }
         // Upper bounds follow: an edited world is a new one, bit by bit.
@@ -169,7 +172,8 @@ fn values_are_read_and_replaced() {
 
 #[test]
 fn bad_values_of_media_are_refused() {
-    let mut world = random(Kind::Box, [3, 2, 4]).world();
+    let emission = vec![vec3(0.5, 0.1, 0.0)];
+    let mut world = Cloud { emission, ..random(Kind::Box, [3, 2, 4]) }.world();
     let of = |index, value| Parameter::Medium { medium: MediumRef::Volume(index), value };
     let (density, albedo) = (of(0, MediumValue::Extinction), of(0, MediumValue::Albedo));
     let before = world.parameter(&density).unwrap();
@@ -188,6 +192,10 @@ fn bad_values_of_media_are_refused() {
         (
             fails(&density, &with(-0.5)),
             "density of voxel (1, 0, 1) is -0.5; it must be finite and not negative",
+        ),
+        (
+            fails(&of(0, MediumValue::Emission), &[-0.5; 72]),
+            "volume 0: emission of voxel 0 is [-0.5, -0.5, -0.5]; it must be finite and not negative",
         ),
         (fails(&albedo, &[1.5; 72]), "albedo of voxel 0 is [1.5, 1.5, 1.5]; it must lie in [0, 1]"),
     ] {

@@ -1,12 +1,13 @@
-//! Media that send out light: closed forms, and a furnace in which they balance what they absorb.
+//! Media that emit light: closed forms, and a furnace in which they balance what they absorb.
 
 use super::scenes::{looking, render, square};
 use super::statistics::mean_of;
 use crate::{
-    Boundary, BoundedMedium, EnvironmentMap, Field, Material, Parts, PathOptions, PathtraceError,
-    RenderOptions, Renderer, Shape, View, Volume, World,
+    Adjoint, Boundary, BoundedMedium, EnvironmentMap, Field, GradientSamples, Material, MaterialValue,
+    Parameter, Parts, PathOptions, PathtraceError, RenderOptions, Renderer, Shape, View, Volume, World,
 };
 use glam::{DAffine3, DVec3};
+use photofit_image::Image;
 use photofit_sampling::{hash, unit_f32};
 use photofit_scalar::{Vec3f, vec3};
 use photofit_shading::bsdf::{Bsdf, Null};
@@ -95,7 +96,7 @@ fn light_within_a_solid_that_absorbs_is_dimmed_on_its_way() {
     }
 }
 
-/// A medium that sends out what it absorbs, in light of radiance 1 from everywhere, cannot be seen.
+/// A medium that emits what it absorbs, in light of radiance 1 from everywhere, cannot be seen.
 #[test]
 fn media_in_equilibrium_vanish() {
     let albedo = vec3(0.7, 0.4, 0.0);
@@ -148,15 +149,101 @@ fn media_in_equilibrium_vanish() {
     }
 }
 
+/// A ray on which one colour of the medium never ends.
+#[test]
+fn colours_without_extinction_leave_the_others_their_light() {
+    let emission = Some(Field::constant(vec3(1.0, 2.0, 0.0)));
+    let medium = BoundedMedium::homogeneous(vec3(1.0, 0.5, 0.0), Vec3f::zero(), 0.0);
+    let mut parts = Parts { media: vec![BoundedMedium { emission, ..medium }], ..Parts::default() };
+    parts.medium_around_camera = Some(0);
+    parts.environment = Some(EnvironmentMap::constant(Vec3f::splat(1.0)));
+    let world = World::new(parts).unwrap();
+    let spp = 4096;
+    let mut renderer = Renderer::new(&world, &ray(), square(4, spp)).unwrap();
+    renderer.finish();
+    let (picture, variance) = render(&world, &ray(), square(4, spp));
+    for (c, wanted) in [1.0, 4.0, 1.0].into_iter().enumerate() {
+        let (found, error) = mean_of(&picture, &variance, spp, c);
+        assert!((found - wanted).abs() < 4.0 * error + 1e-5, "{c}: {found} +- {error}, not {wanted}");
+        assert!(error < 0.02 * wanted, "{c}: {error}");
+    }
+    assert_eq!(renderer.progress().not_finite, 0);
+}
+
+/// Grids of emission end where their boxes do, and media in boxes where theirs do.
+#[test]
+fn emission_is_looked_up_in_its_box_alone() {
+    let placed = |turn: f64, [from, to]: [f64; 2]| {
+        DAffine3::from_rotation_z(turn)
+            * DAffine3::from_translation(DVec3::new(-1.0, -1.0, from))
+            * DAffine3::from_scale(DVec3::new(2.0, 2.0, to - from))
+    };
+    let emission = |transform| Some(Field { size: [2, 1, 1], values: vec![EMISSION; 2], transform });
+    let extinction = 1.5_f64;
+    let even = BoundedMedium::homogeneous(Vec3f::splat(extinction as f32), Vec3f::zero(), 0.0);
+    let field = Field { size: [2, 2, 2], values: vec![Vec3f::splat(1.5); 8], transform: cube() };
+    let inner = emission(placed(0.7, [-0.5, 0.25]));
+    let boxed = Volume {
+        emission: emission(placed(0.7, [0.0, 3.0])),
+        ..Volume::homogeneous(DVec3::splat(-1.0), DVec3::ONE, extinction as f32, Vec3f::zero(), 0.0)
+    };
+    let null = Bsdf::Null(Null);
+    // The ray comes down from above; depth of the first and the last emission in the medium.
+    for (name, parts, [from, to]) in [
+        ("even", ball(BoundedMedium { emission: inner.clone(), ..even.clone() }, null), [0.75, 1.5]),
+        ("grid", ball(BoundedMedium { emission: inner, extinction: field, ..even }, null), [0.75, 1.5]),
+        ("box", Parts { volumes: vec![boxed], ..Parts::default() }, [0.0, 1.0]),
+    ] {
+        let world = World::new(parts).unwrap();
+        let spp = 4096;
+        let (picture, variance) = render(&world, &ray(), square(4, spp));
+        let part = ((-extinction * from).exp() - (-extinction * to).exp()) / extinction;
+        for c in 0..3 {
+            let (found, error) = mean_of(&picture, &variance, spp, c);
+            let wanted = part * f64::from(EMISSION[c]);
+            assert!(
+                (found - wanted).abs() < 4.0 * error + 1e-5,
+                "{name} {c}: {found} +- {error}, not {wanted}"
+            );
+            assert!(error < 0.02 * wanted, "{name} {c}: {error}");
+        }
+    }
+}
+
+/// The derivative of `e (1 - exp(-2 a)) / a` by the absorption `a` of the solid.
+#[test]
+fn absorption_of_a_solid_dims_the_light_within_it_in_derivatives() {
+    let (absorption, emission) = (0.8_f64, 2.0_f64);
+    let medium = BoundedMedium {
+        emission: Some(Field::constant(Vec3f::splat(emission as f32))),
+        ..BoundedMedium::homogeneous(Vec3f::zero(), Vec3f::zero(), 0.0)
+    };
+    let mut parts = ball(medium, Bsdf::Null(Null));
+    parts.materials[0].absorption = Vec3f::splat(absorption as f32);
+    let world = World::new(parts).unwrap();
+    let parameter = Parameter::Material { materials: vec![0], value: MaterialValue::Absorption };
+    let adjoint = Adjoint::new(&world, &ray(), square(4, 1), &[parameter]).unwrap();
+    let weights = Image::from_fn(4, 4, 3, |_, _, _| 1.0 / 16.0);
+    let samples = GradientSamples { spp: 4096, seed: None };
+    let (g, error) = adjoint.render_vjp_with_error(&weights, samples).unwrap();
+    let left = (-2.0 * absorption).exp();
+    let wanted = emission * (2.0 * absorption * left - (1.0 - left)) / (absorption * absorption);
+    for c in 0..3 {
+        let (found, error) = (g.parameters[0].values[c], error.parameters[0].values[c]);
+        assert!((found - wanted).abs() < 4.0 * error + 1e-5, "{c}: {found} +- {error}, not {wanted}");
+        assert!(error < 0.02 * wanted.abs(), "{c}: {error}");
+    }
+}
+
 /// Nothing else gives light.
 #[test]
 fn light_of_media_is_enough_for_a_scene() {
-    let glowing =
+    let with =
         |emission| BoundedMedium { emission, ..BoundedMedium::homogeneous(EXTINCTION, Vec3f::zero(), 0.0) };
-    let world = World::new(ball(glowing(Some(Field::constant(EMISSION))), Bsdf::Null(Null))).unwrap();
+    let world = World::new(ball(with(Some(Field::constant(EMISSION))), Bsdf::Null(Null))).unwrap();
     let (picture, _) = render(&world, &ray(), square(2, 1));
     assert!(picture.pixel(0, 0)[0] > 0.1);
-    let dark = World::new(ball(glowing(None), Bsdf::Null(Null))).unwrap();
+    let dark = World::new(ball(with(None), Bsdf::Null(Null))).unwrap();
     let error = Renderer::new(&dark, &ray(), square(2, 1)).unwrap_err();
     assert_eq!(error, PathtraceError::NoLight);
 }

@@ -1,13 +1,13 @@
-//! Several ways of a path from its first surface.
+//! Path splitting at the first surface.
 
 use super::*;
 
-/// Where a path takes several ways for one parameter, it tells all others the same.
+/// Where paths are split for one parameter, the gradients of all others have the same expectation.
 #[test]
-fn ways_for_one_parameter_leave_the_others_as_they_are() {
+fn splitting_for_one_parameter_leaves_the_others_as_they_are() {
     let world = metals(Distribution::Ggx);
     let view = looking([0.0, 0.6, 2.6], [-0.3, 0.0, 0.0], 0.6);
-    let samples = GradientSamples { spp: 512, seed: Some(3) };
+    let spp = 512;
     let others = [
         of(FLOOR, MaterialValue::Reflectance),
         of(BALL, MaterialValue::SpecularReflectance),
@@ -15,7 +15,7 @@ fn ways_for_one_parameter_leave_the_others_as_they_are() {
     ];
     let run = |parameters: &[Parameter], seed| {
         let adjoint = Adjoint::new(&world, &view, square(SIDE, 1), parameters).unwrap();
-        let samples = GradientSamples { seed: Some(seed), ..samples };
+        let samples = GradientSamples { spp, seed: Some(seed) };
         let found = adjoint.render_vjp_with_error(&weights(), samples).unwrap();
         assert!(found.0.residual < 1e-6, "{} is left", found.0.residual);
         found
