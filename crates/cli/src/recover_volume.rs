@@ -53,6 +53,8 @@ struct Seen {
 struct Known {
     size: [usize; 3],
     extinction: Vec<f32>,
+    /// Three channels a voxel; empty: none.
+    emission: Vec<f32>,
     bounds: [DVec3; 2],
 }
 
@@ -142,7 +144,9 @@ fn seen(a: &RecoverVolume) -> Result<Seen> {
     let (pictures, lights) = lit_world_pictures(list)?;
     let mut surroundings = Surroundings::from(&lights);
     surroundings.environment = environment.or(surroundings.environment);
-    if pictures.iter().any(|p| p.image.data.iter().skip(3).step_by(4).any(|alpha| *alpha < 0.99)) {
+    // Before nothing there is nothing behind the cloud.
+    let dark = a.emission && surroundings.environment.is_none();
+    if !dark && pictures.iter().any(|p| p.image.data.iter().skip(3).step_by(4).any(|alpha| *alpha < 0.99)) {
         say(
             "warning: pictures have alpha below 1, which is not looked at: they must show the light behind the cloud",
         );
@@ -176,6 +180,7 @@ fn known(a: &RecoverVolume, file: &Path, environment: Option<EnvironmentMap>) ->
     let glow = |e: &f32| Vec3f::from_array(EMISSION) * *e;
     let emission =
         a.emission.then(|| Field { size, values: extinction.iter().map(glow).collect(), transform });
+    let emitted = emission.iter().flat_map(|e: &Field| &e.values).flat_map(|e| e.to_array()).collect();
     let volume = Volume {
         size,
         density: extinction.clone(),
@@ -204,7 +209,12 @@ fn known(a: &RecoverVolume, file: &Path, environment: Option<EnvironmentMap>) ->
         Ok(renderer.picture())
     };
     let pictures = views.iter().map(picture).collect::<Result<_>>()?;
-    Ok(Seen { surroundings, views, pictures, truth: Some(Known { size, extinction, bounds }) })
+    Ok(Seen {
+        surroundings,
+        views,
+        pictures,
+        truth: Some(Known { size, extinction, emission: emitted, bounds }),
+    })
 }
 
 /// Writes what was found and tells it.
@@ -216,23 +226,24 @@ fn write(a: &RecoverVolume, seen: &Seen, r: &RecoveredVolume, seconds: f64) -> R
         results.took(write_atomically(a.output.join(file).as_path(), &bytes).map_err(Into::into));
     }
     let [first, best] = first_and_best(&r.history);
-    let errors = seen.truth.as_ref().filter(|t| t.size == r.size && t.bounds == r.bounds).map(|t| {
-        let of = |v: &dyn Fn(usize) -> f32| {
-            let squares = (0..t.extinction.len()).map(|i| f64::from(v(i) - t.extinction[i]).powi(2));
-            (squares.sum::<f64>() / t.extinction.len() as f64).sqrt()
-        };
-        [of(&|_| 0.0), of(&|i| r.extinction[i])]
-    });
-    let figures = figures(a, r, ([first, best], errors), seconds);
+    let truth = seen.truth.as_ref().filter(|t| t.size == r.size && t.bounds == r.bounds);
+    let extinction_errors = truth.map(|t| errors(&t.extinction, &r.extinction));
+    let emission_errors = truth.filter(|t| !t.emission.is_empty()).map(|t| errors(&t.emission, &r.emission));
+    let mut figures = figures(a, r, ([first, best], extinction_errors), seconds);
+    figures["emission_error"] =
+        json!(emission_errors.map(|[first, last]| json!({ "first": first, "last": last })));
     output::keep_json(&mut results, &a.output.join(FILES[3]), &figures)?;
     let sheet = sheet(&r.model, &seen.views, &seen.pictures, (SHOWN_SPP, SHOWN_SEED))?;
     results.took(photofit_image::write_png(a.output.join(FILES[2]), &sheet).map_err(Into::into));
     let [x, y, z] = r.size;
     let grids: Vec<String> = r.grids.iter().map(|(_, side)| side.to_string()).collect();
     let mut text = format!("{x} x {y} x {z} voxels, grids of {} along the longest side\n", grids.join(", "));
-    if let Some([nothing, found]) = errors {
+    if let Some([nothing, found]) = extinction_errors {
         text +=
             &format!("root mean square error of the extinction: {found:.4}; of an empty box {nothing:.4}\n");
+    }
+    if let Some([nothing, found]) = emission_errors {
+        text += &format!("root mean square error of the emission: {found:.4}; of none {nothing:.4}\n");
     }
     let judged = judged(r.held_out, seen.views.len());
     let reached = output::traced_error(&judged, [first, best], (r.steps, seconds));
@@ -248,6 +259,15 @@ fn write(a: &RecoverVolume, seen: &Seen, r: &RecoveredVolume, seconds: f64) -> R
         sampled: (SHOWN_SPP, SHOWN_SEED),
     };
     found.tell(&a.output, &text, results)
+}
+
+/// Root mean square errors of nothing and of what was found.
+fn errors(truth: &[f32], found: &[f32]) -> [f64; 2] {
+    let of = |v: &dyn Fn(usize) -> f32| {
+        let squares = (0..truth.len()).map(|i| f64::from(v(i) - truth[i]).powi(2));
+        (squares.sum::<f64>() / truth.len() as f64).sqrt()
+    };
+    [of(&|_| 0.0), of(&|i| found[i])]
 }
 
 fn figures(

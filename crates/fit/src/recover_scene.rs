@@ -122,7 +122,7 @@ pub(crate) fn fit(
         ComparedPixels::Covered => p.clone(),
     };
     let pictures: Vec<Image> = pictures.iter().map(opaque).collect();
-    let brightness = pictures.iter().map(brightness).sum::<f64>() / pictures.len() as f64;
+    let bright = Brightness::of(&pictures);
     begin(&mut model)?;
     views.iter().try_for_each(|v| model.check(v))?;
     for (i, j) in doubts::swapped(&model, views, &pictures)? {
@@ -185,8 +185,7 @@ pub(crate) fn fit(
         checkpointing: &options.checkpointing,
         fingerprint,
     };
-    let rate =
-        |k: usize| (model.parameters[k].name.clone().into(), options.rate * scale(&model, k, brightness));
+    let rate = |k: usize| (model.parameters[k].name.clone().into(), options.rate * scale(&model, k, bright));
     let rates = (0..model.parameters.len()).map(rate).collect();
     let (steps, fade, reinitialised) = (options.steps, None, None);
     let phase = Phase { name: "parameters", first: 0, steps, shrink: 1, rates, fade, reinitialised };
@@ -276,28 +275,42 @@ fn begin(model: &mut Traced) -> Result<(), FitError> {
     Ok(())
 }
 
-/// Mean of the colours of a picture.
-fn brightness(picture: &Image) -> f64 {
-    let sum = picture.data.chunks_exact(4).flat_map(|p| &p[..3]).map(|v| f64::from(*v)).sum::<f64>();
-    sum / (3 * picture.pixels()).max(1) as f64
+/// How bright pictures are.
+#[derive(Clone, Copy)]
+struct Brightness {
+    /// Mean of all colours.
+    mean: f64,
+    /// Their mean weighted by themselves: of what is bright, where the rest is dark.
+    of_bright: f64,
 }
 
-/// What the rate of a parameter is relative to, for pictures of this mean.
-fn scale(model: &Traced, parameter: usize, brightness: f64) -> f64 {
+impl Brightness {
+    fn of(pictures: &[Image]) -> Self {
+        let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
+        for v in pictures.iter().flat_map(|p| p.data.chunks_exact(4)).flat_map(|p| &p[..3]) {
+            let v = f64::from(*v);
+            (sum, squares, count) = (sum + v, squares + v * v, count + 1.0);
+        }
+        Self { mean: sum / f64::max(count, 1.0), of_bright: if sum > 0.0 { squares / sum } else { 0.0 } }
+    }
+}
+
+/// What the rate of a parameter is relative to, for pictures of this brightness.
+fn scale(model: &Traced, parameter: usize, bright: Brightness) -> f64 {
     if model.parameters[parameter].range[1] <= 1.0 || model.moves_in_logarithms(parameter) {
         return 1.0;
     }
     let values = model.of(parameter);
     let mean = values.iter().map(|v| f64::from(v.abs())).sum::<f64>() / values.len().max(1) as f64;
     if let Parameter::Medium { medium, value } = model.parameters[parameter].parameter {
-        // For emission: several times the brightness of the pictures, from across the whole medium.
+        // For emission: several times what is bright in the pictures, from across the whole medium.
         let unit = match value {
-            MediumValue::Emission => brightness / f64::from(model.world().length_across(medium)),
+            MediumValue::Emission => bright.of_bright / f64::from(model.world().length_across(medium)),
             _ => f64::from(model.world().unit_extinction(medium)),
         };
         return mean.max(OPAQUE * unit);
     }
-    [mean, LAMP * brightness].into_iter().find(|m| *m > FAINT).unwrap_or(1.0)
+    [mean, LAMP * bright.mean].into_iter().find(|m| *m > FAINT).unwrap_or(1.0)
 }
 
 #[cfg(test)]

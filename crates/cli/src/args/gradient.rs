@@ -12,7 +12,7 @@ pub(crate) struct Gradient {
     /// The parameter: a key of --list.
     #[arg(long, value_name = "KEY", required_unless_present = "list")]
     pub(crate) parameter: Option<String>,
-    /// Print the keys that have derivatives, each with its shape, and do nothing else. What is 0 has none there, but
+    /// Print the keys that have derivatives, each with its shape, and do nothing else. What is 0 has none there (media aside), but
     /// `photofit recover scene` finds it.
     #[arg(long, conflicts_with_all = ["parameter", "weights", "json", "image"])]
     pub(crate) list: bool,

@@ -25,7 +25,7 @@ pub(crate) enum Recover {
     /// Find the materials of a mesh and the light around it from pictures with known cameras.
     #[command(after_help = STATUSES)]
     Material(RecoverMaterial),
-    /// Find a cloud, density and albedo on a grid, from pictures with known cameras and light.
+    /// Find a cloud, its density, albedo and own light on a grid, from pictures with known cameras and light.
     #[command(after_help = STATUSES)]
     Volume(RecoverVolume),
 }

@@ -62,6 +62,38 @@ fn a_known_cloud_is_found_stopped_and_resumed() {
     }
     let one = stdout(&run(&["-o", "one", "--one-grid"]));
     assert!(one.contains("grids of 16 along"), "{one}");
+    assert!(!d.join("one/emission.vol").exists());
+}
+
+#[test]
+fn a_known_cloud_is_found_with_the_light_that_it_emits() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_ball(d);
+    let base = [
+        "recover",
+        "volume",
+        "--self-test",
+        "ball.vol",
+        "--emission",
+        "--size",
+        "16",
+        "--steps",
+        "60",
+        "-o",
+        "out",
+    ];
+    let small = ["--views", "6", "--resolution", "24", "--max-depth", "4", "--gradient-spp", "2"];
+    let text = stdout(&succeeds(d, &[&base[..], &small].concat()));
+    assert!(text.contains("error of the emission"), "{text}");
+    let f = figures(&d.join("out"));
+    let error = |which: &str| f["emission_error"][which].as_f64().unwrap();
+    assert!(error("last") < 0.9 * error("first"), "{f}");
+    let (size, values, _) = parse_grid(&std::fs::read(d.join("out/emission.vol")).unwrap()).unwrap();
+    assert_eq!(size, [16; 3]);
+    // Red of the self-test is brighter than its blue.
+    let sum = values.iter().fold([0.0; 2], |s, v| [s[0] + v.x, s[1] + v.z]);
+    assert!(sum[0] > sum[1], "{sum:?}");
 }
 
 /// Pictures of nothing under light from all around, from four sides.

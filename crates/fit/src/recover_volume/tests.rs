@@ -99,8 +99,8 @@ fn a_cloud_is_found_by_its_own_light() {
     let emission = [&nothing, &r.emission].map(|e| rmse(e, &truth.emission));
     let best = r.history.iter().map(|h| h.quality).fold(f64::NEG_INFINITY, f64::max);
     println!("emission {emission:?}, {} to {best} dB", r.history[0].quality);
-    assert!(emission[1] < 0.85 * emission[0], "{emission:?}");
-    assert!(best > r.history[0].quality + 2.5, "{} {best}", r.history[0].quality);
+    assert!(emission[1] < 0.8 * emission[0], "{emission:?}");
+    assert!(best > r.history[0].quality + 5.0, "{} {best}", r.history[0].quality);
     // Without it there is no light at all.
     let options = RecoverVolumeOptions { emission: false, ..options };
     let error = recover_volume(&dark, &views, &pictures, &options, &Silent).unwrap_err();

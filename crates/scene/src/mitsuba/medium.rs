@@ -124,6 +124,10 @@ impl Importer {
         };
         let Some(element) = self.reader.property(medium, name, &["volume"]) else {
             let texture = self.texture(medium, name, Meaning::Unbounded, default)?;
+            if texture.constant().is_none() {
+                let title = self.reader.title(medium);
+                self.reader.unsupported(medium, format!("a texture that varies as `{name}` of {title}"));
+            }
             return Ok(constant(texture.constant().unwrap_or_else(|| Vec3f::splat(default))));
         };
         let kind = self.reader.kind(element).to_owned();
