@@ -6,6 +6,7 @@ mod first;
 pub(crate) mod medium;
 pub(crate) mod path;
 mod sink;
+mod split;
 pub(crate) mod uniform;
 mod visibility;
 

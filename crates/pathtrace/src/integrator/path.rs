@@ -52,7 +52,7 @@ pub(super) struct Path<'a, const F: u32, S, D> {
     pub(super) throughput: Vec3f,
     /// Square of the relative indices of refraction crossed, and densities of directions over those of scattering alone:
     /// what roulette must not see.
-    unseen: f32,
+    pub(super) unseen: f32,
     pub(super) last: Departure,
     /// The absorbing solids that it is in.
     pub(super) inside: Absorbers,
@@ -62,7 +62,7 @@ pub(super) struct Path<'a, const F: u32, S, D> {
     pub(super) flown: u32,
     pub(super) depth: u32,
     /// The numbers of the next direction are stratified together with those of the last one.
-    together: bool,
+    pub(super) together: bool,
 }
 
 /// The picture's part of a path; what `F` lacks is not compiled in.
@@ -171,7 +171,7 @@ impl<'a, const F: u32, S: Sink, D: DirectionSampler> Path<'a, F, S, D> {
     /// Walks to the end of the path, after `crossings` of surfaces that are not there. Returns 1 if the camera sees something,
     /// else 0.
     #[inline(always)]
-    fn go_on(&mut self, mut crossings: u32) -> f32 {
+    pub(super) fn go_on(&mut self, mut crossings: u32) -> f32 {
         let world = self.world;
         let mut alpha = 0.0;
         loop {
@@ -257,38 +257,10 @@ impl<'a, const F: u32, S: Sink, D: DirectionSampler> Path<'a, F, S, D> {
         }
         alpha
     }
-
-    /// Path splitting at the first surface: several directions are followed, each with an equal share of the light, after one next-event
-    /// estimation.
-    #[inline(never)]
-    fn split(&mut self, at: &Interaction, material: &SurfaceMaterial<'_>, crossings: u32, count: u32) {
-        self.with_light(at, material, |path, vertex, local, from| {
-            let (random, ray, inside, medium) = (path.random, path.ray, path.inside, path.medium);
-            let (throughput, unseen, last, flown) = (path.throughput, path.unseen, path.last, path.flown);
-            for index in 0..count {
-                path.random = random.split(index, count);
-                (path.ray, path.inside, path.medium) = (ray, inside, medium);
-                (path.last, path.flown, path.depth, path.together) = (last, flown, 0, false);
-                // Roulette ignores the share.
-                (path.throughput, path.unseen) = (throughput * (1.0 / count as f32), unseen * count as f32);
-                path.sink.split();
-                match path.choose(at, material, (vertex, local, from), crossings) {
-                    Step::Scattered => {
-                        path.depth = 1;
-                        if path.depth <= path.options.max_depth && path.roulette() {
-                            path.go_on(crossings);
-                        }
-                    }
-                    // Surfaces with such parameters are never passed.
-                    Step::Crossed | Step::Ended => {}
-                }
-            }
-        });
-    }
 }
 
 /// What happened at a surface.
-enum Step {
+pub(super) enum Step {
     Scattered,
     /// The surface is not there.
     Crossed,
@@ -396,7 +368,7 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
 
     /// Whether the path goes on; its weight makes up for those that do not.
     #[inline(always)]
-    fn roulette(&mut self) -> bool {
+    pub(super) fn roulette(&mut self) -> bool {
         let media = F & plan::VOLUMES != 0 && !self.world.media.is_empty();
         let (least, scale) = if media { (ROULETTE_DEPTH_IN_MEDIA, 1.0) } else { (0, ROULETTE_SCALE) };
         if self.depth < self.options.roulette_depth.max(least) {
@@ -425,7 +397,7 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
 
     /// Next-event estimation at a surface, then what `go_on` does there.
     #[inline(always)]
-    fn with_light<T>(
+    pub(super) fn with_light<T>(
         &mut self,
         at: &Interaction,
         material: &SurfaceMaterial<'_>,
@@ -445,7 +417,7 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
 
     /// A new direction at a surface.
     #[inline(always)]
-    fn choose(
+    pub(super) fn choose(
         &mut self,
         at: &Interaction,
         material: &SurfaceMaterial<'_>,
