@@ -381,7 +381,6 @@ fn replay<const F: u32, D: DirectionSampler>(
 ) {
     let mut tape = std::mem::take(&mut replay.tape);
     tape.begin();
-    replay.surfaces.clear();
     replay.before.clear();
     let before = &mut replay.before;
     let light = Total { world, layout: replay.layout, radiance: [0.0; 3], before };
@@ -395,6 +394,7 @@ fn replay<const F: u32, D: DirectionSampler>(
     if tape.is_whole() {
         tape.play(replay);
     } else {
+        // Those of a tape that was cut.
         replay.surfaces.clear();
         walk::<F, _, _>(world, ray, random, options, sampler, &mut *replay);
     }

@@ -2,7 +2,7 @@
 
 use crate::volume::{MediumRef, MediumValue};
 use crate::world::{BsdfSource, Material, World};
-use photofit_scene::MapKind;
+use photofit_scene::{MapKind, SurfaceLibrary};
 use photofit_shading::bsdf::Bsdf;
 
 /// A value, or all texels of an image, that pictures depend on.
@@ -140,19 +140,22 @@ pub(super) fn not_differentiable(world: &World, material: usize) -> Option<&'sta
         .then_some("transmitting and anisotropic materials have no derivatives; it must be neither")
 }
 
-/// The maps of a library material that read a texture, and whether scattering depends on it.
+/// Whether one of these maps of a library material reads a texture.
+fn reads(world: &World, material: usize, texture: usize, maps: &[MapKind]) -> bool {
+    let of = |l: &SurfaceLibrary| maps.iter().any(|map| l.texture_of(material, *map) == Some(texture));
+    world.library.as_ref().is_some_and(of)
+}
+
+/// Whether a map of a library material reads a texture, and whether scattering depends on it.
 pub(super) fn maps_of(world: &World, material: usize, texture: usize) -> (bool, bool) {
-    let Some(library) = &world.library else { return (false, false) };
-    let reads = |map| library.texture_of(material, map) == Some(texture);
-    let scatters = [MapKind::BaseColor, MapKind::MetallicRoughness, MapKind::Normal].into_iter().any(reads);
-    (scatters || reads(MapKind::Emissive), scatters)
+    let scatters = reads(world, material, texture, &[MapKind::BaseColor])
+        || changes_directions(world, material, texture);
+    (scatters || reads(world, material, texture, &[MapKind::Emissive]), scatters)
 }
 
 /// Whether a texture changes the directions of light scattered by a library material: by its roughness or its normals.
 pub(super) fn changes_directions(world: &World, material: usize, texture: usize) -> bool {
-    let Some(library) = &world.library else { return false };
-    let reads = |map| library.texture_of(material, map) == Some(texture);
-    [MapKind::MetallicRoughness, MapKind::Normal].into_iter().any(reads)
+    reads(world, material, texture, &[MapKind::MetallicRoughness, MapKind::Normal])
 }
 
 /// Whether a material as it was given scatters by a library material.

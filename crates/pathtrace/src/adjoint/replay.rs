@@ -260,6 +260,9 @@ impl Replay<'_> {
             }
             LightOrigin::Medium { medium, point, share } => {
                 let cell = self.layout.medium(medium).emission;
+                if cell == NONE {
+                    return;
+                }
                 let out = &mut *self.out;
                 let add = |voxel, g| out.add(offset(cell, voxel), g);
                 Derivatives::of(self.world, medium).emission_vjp(point, g * share, add);

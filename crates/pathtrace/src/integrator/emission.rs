@@ -53,7 +53,6 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
                 let u = (i as f32 + rng.next_f32()) / POINTS as f32;
                 let drawn = match even {
                     Some(even) => even.distance([from, to], flown.before, u, &mut rng),
-                    // Without an end there is no point.
                     None => Some((from + u * (to - from), Vec3f::splat(to - from))),
                 };
                 let Some((t, weight)) = drawn else { continue };

@@ -217,13 +217,7 @@ pub(super) fn survival(sigma: f32, t: f32) -> f32 {
 fn fly_evenly(sigma: Vec3f, length: f32, throughput: Vec3f, [choice, u]: [f32; 2]) -> Flight {
     let total = throughput.x + throughput.y + throughput.z;
     let share = throughput * (1.0 / total);
-    let drawn = if choice < share.x {
-        sigma.x
-    } else if choice < share.x + share.y {
-        sigma.y
-    } else {
-        sigma.z
-    };
+    let drawn = of_chosen(sigma, share, choice);
     let t = -(1.0 - u).ln() / drawn;
     let collides = t < length;
     if is_grey(sigma) {
@@ -238,6 +232,18 @@ fn fly_evenly(sigma: Vec3f, length: f32, throughput: Vec3f, [choice, u]: [f32; 2
     // Rounding may choose a colour that carries nothing.
     let lives = weight != Vec3f::zero();
     Flight { collision: (collides && lives).then_some(t), weight }
+}
+
+/// The value of the colour that `choice` falls on, in `[0, 1)` times the sum of the shares.
+#[inline(always)]
+pub(super) fn of_chosen(values: Vec3f, share: Vec3f, choice: f32) -> f32 {
+    if choice < share.x {
+        values.x
+    } else if choice < share.x + share.y {
+        values.y
+    } else {
+        values.z
+    }
 }
 
 #[inline(always)]

@@ -5,7 +5,7 @@
 //! times the integral of `d sigma_t` up to there ([`Derivatives::transmittance_vjp`]); that of `sigma_t a` has to be
 //! sampled where light could be scattered, also where there is nothing yet ([`Derivatives::sample`]).
 
-use super::bounded::{Extinction, survival};
+use super::bounded::{Extinction, of_chosen, survival};
 use super::{InteriorMedium, Medium, MediumRef, Segment};
 use crate::world::World;
 use photofit_sampling::Rng;
@@ -188,15 +188,7 @@ pub(super) fn sample_evenly(
         (0..3).filter(|c| sigma[*c] == 0.0).for_each(|c| share[c] = 0.0);
     }
     let total = share.sum();
-    let choice = choice * total;
-    let drawn = if choice < share.x {
-        sigma.x
-    } else if choice < share.x + share.y {
-        sigma.y
-    } else {
-        sigma.z
-    };
-    let t = truncated_exponential(drawn, length, u);
+    let t = truncated_exponential(of_chosen(sigma, share, choice * total), length, u);
     let mut pdf = 0.0;
     for c in (0..3).filter(|c| share[*c] > 0.0) {
         pdf += share[c] / total * truncated_pdf(sigma[c], length, t);

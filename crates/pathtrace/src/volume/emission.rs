@@ -71,14 +71,10 @@ impl Media {
         medium: MediumRef,
         values: &[Vec3f],
     ) -> Result<(), PathtraceError> {
-        let (kind, index) = match medium {
-            MediumRef::Volume(i) => ("volume", i),
-            MediumRef::Bounded(i) => ("medium", i),
-        };
         if let Some(i) = values.iter().position(|v| !v.to_array().into_iter().all(RULE.1)) {
             let found = values[i].to_array();
             let rule = format!("emission of voxel {i} is {found:?}; it must be {}", RULE.0);
-            return Err(invalid(format!("{kind} {index}"), rule));
+            return Err(invalid(medium.name(), rule));
         }
         let place = match medium {
             MediumRef::Volume(i) => &mut self.boxes[i].emission,

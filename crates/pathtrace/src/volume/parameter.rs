@@ -15,6 +15,16 @@ pub enum MediumRef {
     Bounded(usize),
 }
 
+impl MediumRef {
+    /// What errors call it.
+    pub(super) fn name(self) -> String {
+        match self {
+            Self::Volume(i) => format!("volume {i}"),
+            Self::Bounded(i) => format!("medium {i}"),
+        }
+    }
+}
+
 /// A value of a medium.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum MediumValue {
@@ -42,14 +52,11 @@ impl Media {
         let (MediumRef::Volume(index) | MediumRef::Bounded(index)) = medium;
         let count = self.count(medium);
         if index >= count {
-            let kind = if matches!(medium, MediumRef::Volume(_)) { "volume" } else { "medium" };
-            return Err(absent(format!("{kind} {index}"), count));
+            return Err(absent(medium.name(), count));
         }
         Ok(match (medium, value) {
             (_, MediumValue::Emission) => match self.emissions(medium).len() {
-                0 => {
-                    return Err("has no emission; it must have one, if only of zeros".into());
-                }
+                0 => return Err("has no emission; it must have one, if only of zeros".into()),
                 count => (count, 3),
             },
             (MediumRef::Volume(i), MediumValue::Extinction) => (self.boxes[i].density().len(), 1),
