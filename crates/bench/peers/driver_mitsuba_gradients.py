@@ -21,6 +21,8 @@ WEIGHTS = ["random", "1"]
 BOX = ROOT / "assets" / "box.xml"
 PLATE = WORK / "plate" / "plate.xml"
 CLOUD = WORK / "plate" / "cloud.xml"
+# Scenes of the suite `recover`.
+SCENES = ROOT / "crates" / "bench" / "src" / "suites" / "recover"
 # Texels along the side of the plate, and pixels of its picture; voxels along a side of the cloud.
 TEXELS, PIXELS, VOXELS = 512, 256, 64
 # Voxels along the side of the blocks whose sums are compared, with more runs of ours for their standard errors: estimates of
@@ -58,7 +60,7 @@ def write_plate(mi):
     light = np.where(height > 0, np.array([0.3, 0.4, 0.55]) * (0.4 + 0.6 * height), [0.12, 0.1, 0.08])
     lamp = (row >= 6) & (row < 14) & (column % 32 < 8) | (row >= 16) & (row < 22) & ((column + 16) % 40 < 5)
     save(np.where(lamp[..., None], [9.0, 8.0, 6.5], light), "sky.exr")
-    scene = ROOT / "crates" / "bench" / "src" / "suites" / "recover" / PLATE.name
+    scene = SCENES / PLATE.name
     PLATE.write_text(scene.read_text().replace("{PIXELS}", str(PIXELS)))
 
 
@@ -83,23 +85,8 @@ def write_cloud(mi):
     albedo = np.stack([0.35 + 0.6 * place[..., 0], 0.9 - 0.5 * place[..., 1], 0.3 + 0.6 * place[..., 2]], -1)
     for values, name in [(density[..., None], "density.vol"), (albedo, "albedo.vol")]:
         mi.VolumeGrid(np.ascontiguousarray(values, np.float32)).write(str(CLOUD.with_name(name)))
-    grid = lambda name, file: f'''<volume type="gridvolume" name="{name}"><string name="filename" value="{file}"/><boolean name="raw" value="true"/>
-    <transform name="to_world"><scale value="2"/><translate x="-1" y="-1" z="-1"/></transform></volume>'''
-    CLOUD.write_text(f'''<scene version="3.0.0">
-<integrator type="volpath"><integer name="max_depth" value="16"/></integrator>
-<sensor type="perspective">
-  <float name="fov" value="35"/>
-  <transform name="to_world"><lookat origin="1.4,1.2,3.4" target="0,0,0" up="0,1,0"/></transform>
-  <film type="hdrfilm"><integer name="width" value="{PIXELS // 2}"/><integer name="height" value="{PIXELS // 2}"/>
-    <rfilter type="box"/></film>
-</sensor>
-<emitter type="envmap"><string name="filename" value="sky.exr"/></emitter>
-<shape type="cube"><bsdf type="null"/>
-  <medium type="heterogeneous" name="interior" id="fog"><float name="scale" value="8"/>
-    {grid("sigma_t", "density.vol")}
-    {grid("albedo", "albedo.vol")}</medium></shape>
-</scene>
-''')
+    scene = SCENES / CLOUD.name
+    CLOUD.write_text(scene.read_text().replace("{PIXELS}", str(PIXELS // 2)))
 
 
 def limit(values):

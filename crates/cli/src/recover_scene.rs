@@ -8,10 +8,10 @@ use crate::args::{RecoverScene, TextureSmoothing};
 use crate::fields::{RECOVER_SCENE, name_options};
 use crate::parameter_scene::{Cameras, Key, Quantity, Subject, explained};
 use crate::preflight::Places;
-use crate::progress::Terminal;
+use crate::progress::{Terminal, say};
 use crate::simplify::CHECKPOINT_FILE;
 use crate::status::{Ending, Misuse};
-use crate::traced_report::tell_course;
+use crate::traced_report::{self_test_pictures, tell_course};
 use crate::{interrupt, threads};
 use anyhow::{Context, Result, anyhow, bail};
 use glam::DVec3;
@@ -131,7 +131,7 @@ fn task(a: &RecoverScene, mut subject: Subject, source: &Source<'_>) -> Result<T
     views.iter().try_for_each(|v| model.check(v)).map_err(lit)?;
     model.gradient_spp = a.traced.gradient_spp;
     model.smoothing = a.traced.smoothing.map(Into::into).unwrap_or_default();
-    let own = || views.iter().map(|v| model.picture(v, TARGET_SPP, TARGET_SEED)).collect();
+    let own = || self_test_pictures(&views, |v| model.picture(v, TARGET_SPP, TARGET_SEED));
     let truth = given.is_none().then(|| (0..quantities.len()).map(|k| model.of(k).to_vec()).collect());
     let targets = given.map_or_else(own, Ok).map_err(|e| named(&e))?;
     Ok(Task { model, views, quantities, boxes, targets, truth })
@@ -166,6 +166,11 @@ fn begin(a: &RecoverScene, task: &mut Task) -> Result<()> {
         };
         let name = p.name.clone();
         task.model.replace(k, &start).map_err(|e| anyhow!("{}: {name}: {e}", a.scene.input.display()))?;
+        if task.truth.as_ref().is_some_and(|t| t[k] == task.model.of(k)) {
+            say(&format!(
+                "warning: {name}: starts at what it is in the scene, so that there is nothing to find; --start says otherwise"
+            ));
+        }
     }
     Ok(())
 }

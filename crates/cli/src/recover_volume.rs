@@ -6,7 +6,7 @@ use crate::output::{self, Results};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say};
 use crate::status::Ending;
-use crate::traced_report::{Found, course, first_and_best, judged, sheet, tell_course};
+use crate::traced_report::{Found, course, first_and_best, judged, self_test_pictures, sheet, tell_course};
 use crate::{interrupt, threads};
 use anyhow::{Context, Result, anyhow, bail};
 use glam::{DAffine3, DVec3, Vec3};
@@ -208,7 +208,7 @@ fn known(a: &RecoverVolume, file: &Path, environment: Option<EnvironmentMap>) ->
         renderer.finish();
         Ok(renderer.picture())
     };
-    let pictures = views.iter().map(picture).collect::<Result<_>>()?;
+    let pictures = self_test_pictures(&views, picture)?;
     Ok(Seen {
         surroundings,
         views,
@@ -224,6 +224,10 @@ fn write(a: &RecoverVolume, seen: &Seen, r: &RecoveredVolume, seconds: f64) -> R
     for (file, values) in grids.into_iter().filter(|g| !g.1.is_empty()) {
         let bytes = encode_grid(r.size, values, r.bounds);
         results.took(write_atomically(a.output.join(file).as_path(), &bytes).map_err(Into::into));
+    }
+    let left = a.output.join(FILES[5]);
+    if r.emission.is_empty() && left.exists() {
+        say(&format!("warning: {}: is of another run; this one looked for no emission", left.display()));
     }
     let [first, best] = first_and_best(&r.history);
     let truth = seen.truth.as_ref().filter(|t| t.size == r.size && t.bounds == r.bounds);

@@ -1,8 +1,9 @@
 //! The page of what was found through the path tracer: pictures beside those that were given, and the course of the fit.
 
 use crate::output::{self, Results, print};
-use crate::progress::say;
+use crate::progress::{Terminal, say};
 use anyhow::Result;
+use photofit_fit::Progress;
 use photofit_fit::engine::judge::{ReportView, view_quality};
 use photofit_fit::engine::plan::PlanRows;
 use photofit_fit::engine::traced::Traced;
@@ -33,6 +34,21 @@ pub(crate) struct Found<'a> {
     pub(crate) plan: &'a PlanRows,
     /// Samples and seed of the pictures.
     pub(crate) sampled: (u32, u64),
+}
+
+/// The pictures of a self-test, one for each view, with their progress.
+pub(crate) fn self_test_pictures<E>(
+    views: &[View],
+    picture: impl Fn(&View) -> Result<Image, E>,
+) -> Result<Vec<Image>, E> {
+    let progress = Terminal::new();
+    let one = |(k, view): (usize, &View)| {
+        progress.report("pictures", k as u64, views.len() as u64, "");
+        picture(view)
+    };
+    let pictures = views.iter().enumerate().map(one).collect();
+    progress.finish();
+    pictures
 }
 
 /// Errors of the first and of the best evaluation.

@@ -222,6 +222,14 @@ pub fn recover_volume(
         }
         (made, resumed) = (made + r.steps, resumed + r.resumed);
         if level + 1 == longest.len() || r.stopped {
+            let whole = size_of(&bounds, options.size);
+            let mut model = r.model;
+            if grid.size != whole {
+                let [a, b, c] = whole;
+                progress.note(&format!("ended on a grid of {x} x {y} x {z} voxels; written are {a} x {b} x {c}, linearly between them"));
+                grid = grid.resampled(whole);
+                model = grid.model(surroundings, &bounds, options, [first.width, first.height])?;
+            }
             return Ok(RecoveredVolume {
                 size: grid.size,
                 bounds,
@@ -235,7 +243,7 @@ pub fn recover_volume(
                 resumed,
                 stopped: r.stopped,
                 plan,
-                model: r.model,
+                model,
             });
         }
     }

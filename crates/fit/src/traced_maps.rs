@@ -138,6 +138,13 @@ pub fn traced_maps(
     let parameters = maps.iter().map(|m| m.parameter(&light)).collect();
     let mut model = model(world, parameters, options)?;
     model.not_finite = n.not_finite.clone();
+    for (k, map) in maps.iter().enumerate() {
+        let image = &light.images[map.image];
+        let side = (image.width.max(image.height) / options.size).max(1).next_power_of_two();
+        if side > 1 {
+            model.correct(k, side, map.kind == MapKind::BaseColor);
+        }
+    }
     let starts: Vec<Vec<f32>> = (0..maps.len()).map(|k| model.of(k).to_vec()).collect();
     let target =
         PathTraced::new(scene, n, MaterialFeatures::Core, options.seed)?.sampled(options.reference_spp);

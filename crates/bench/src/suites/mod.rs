@@ -106,6 +106,16 @@ pub(crate) const SUITES: &[Suite] = &[
         run: recover::run,
     },
     Suite {
+        name: "recover-steps",
+        about: "one step of these recoveries, variance of its gradient and time by samples",
+        run: recover::steps::run,
+    },
+    Suite {
+        name: "recover-mesh",
+        about: "shapes from pictures with outlines, distances against steps and time by optimizer of positions",
+        run: recover::mesh::run,
+    },
+    Suite {
         name: "material",
         about: "materials and light of a mesh from pictures, errors by sampler at equal samples and equal time, ablations",
         run: material::run,

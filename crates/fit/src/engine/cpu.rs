@@ -25,6 +25,11 @@ pub trait Chain {
     /// How alpha masks are drawn in the steps that follow, where there are some; see [`Model::step_masks`].
     fn step_masks(&mut self, _masks: Masks) {}
 
+    /// How much of a phase was made, 0 to 1; true where optimizers have other filters from here on.
+    fn phase_share(&mut self, _share: f64) -> bool {
+        false
+    }
+
     /// What the filters of a group's optimizer are guided by, such as vertex normals; empty where they need nothing.
     fn guide(&self, _group: usize) -> Vec<f32> {
         Vec::new()
@@ -106,6 +111,17 @@ impl<C: Chain> Model for Cpu<C> {
 
     fn step_masks(&mut self, masks: Masks) {
         self.chain.step_masks(masks);
+    }
+
+    fn phase_share(&mut self, share: f64) -> Result<(), FitError> {
+        if self.chain.phase_share(share) {
+            for (optimizer, group) in self.optimizers.iter_mut().zip(&self.groups) {
+                let mut made = self.chain.optimizer(group)?;
+                made.restore(optimizer.state().clone()).map_err(FitError::Preconditioner)?;
+                *optimizer = made;
+            }
+        }
+        Ok(())
     }
 
     fn step(&mut self, shots: &[Shot], loss: PictureLoss, rates: &[f64]) -> Result<(), ModelError> {

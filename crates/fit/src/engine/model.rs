@@ -86,6 +86,14 @@ pub trait Model: Sized {
     /// How alpha masks are drawn in the steps that follow; [`Self::pictures`] cut them.
     fn step_masks(&mut self, _masks: Masks) {}
 
+    /// How much of a phase was made before the steps that follow, 0 to 1: filters may narrow by it.
+    ///
+    /// # Errors
+    /// If a filter cannot be set up.
+    fn phase_share(&mut self, _share: f64) -> Result<(), FitError> {
+        Ok(())
+    }
+
     /// Takes the loss of a batch against its references (mean over the shots) and moves every group against its gradient
     /// by this rate (0: not at all). Values stay in their ranges.
     ///

@@ -4,6 +4,8 @@
 //! from their covariance; both follow from the number of the shot. Both walk paths whose directions a guide may choose,
 //! which is frozen as long as the model is: gradients have the same expectation with it and without.
 
+mod correction;
+
 use super::cpu::Chain;
 use super::loss::PictureLoss;
 use super::model::{Group, ModelError};
@@ -12,6 +14,7 @@ use super::reference::path_lights;
 use super::views::Shot;
 use crate::FitError;
 use crate::guiding::Guidance;
+use correction::{Correction, Motion};
 use photofit_image::Image;
 use photofit_optim::{
     Bilateral, Grid, GridBilateral, GuideMap, Optimizer, Placement, ScreenedPoisson, Sigma, Temporal,
@@ -101,10 +104,12 @@ pub struct Traced {
     /// What pictures and gradients leave out.
     pub(crate) not_finite: NotFinite,
     values: Vec<Vec<f32>>,
-    /// Logarithms of the values of parameters that move in them.
-    logarithms: Vec<Option<Vec<f32>>>,
+    /// What moves of each parameter.
+    motions: Vec<Motion>,
     /// Channels that the world has of each value: one or three.
     channels: Vec<usize>,
+    /// How much of the phase was made, by which filters narrow.
+    share: f64,
 }
 
 impl Traced {
@@ -131,11 +136,12 @@ impl Traced {
         }
         let (gradient_spp, evaluation_spp, smoothing) = (1, 64, Smoothing::default());
         let (world, compared) = (Mutex::new(world), ComparedPixels::default());
-        let (guidance, logarithms) = (Guidance::off(), vec![None; parameters.len()]);
+        let motions = parameters.iter().map(|_| Motion::Values).collect();
+        let guidance = Guidance::off();
         let mut made = Self {
             guidance,
             not_finite: NotFinite::default(),
-            logarithms,
+            motions,
             world,
             options,
             gradient_spp,
@@ -145,6 +151,7 @@ impl Traced {
             compared,
             values,
             channels,
+            share: 0.0,
         };
         // The world keeps values as it reads them to rounding; from here on it has those that a checkpoint gives back.
         for k in 0..made.parameters.len() {
@@ -203,7 +210,11 @@ impl Traced {
     /// If their number is another one.
     pub fn replace(&mut self, parameter: usize, values: &[f32]) -> Result<(), FitError> {
         self.values[parameter].copy_from_slice(values);
-        if let Some(logarithms) = &mut self.logarithms[parameter] {
+        if let Motion::Correction(c) = &self.motions[parameter] {
+            let (is_factor, side) = (c.is_factor(), c.side());
+            self.correct(parameter, side, is_factor);
+        }
+        if let Motion::Logarithms(logarithms) = &mut self.motions[parameter] {
             logarithms.iter_mut().zip(values).for_each(|(l, v)| *l = v.ln());
         }
         Ok(self.update(parameter)?)
@@ -222,28 +233,73 @@ impl Traced {
             return Err(FitError::Setting { field: "range", rule });
         }
         let values: Vec<f32> = self.values[parameter].iter().map(|v| v.clamp(*low, *high)).collect();
-        self.logarithms[parameter] = Some(vec![0.0; values.len()]);
+        self.motions[parameter] = Motion::Logarithms(vec![0.0; values.len()]);
         self.replace(parameter, &values)
+    }
+
+    /// From now on a texture moves by a correction that is linear between the centres of cells of `side` x `side` texels, a factor of
+    /// each texel or an addition to it: what its texels hold among themselves stays, and pictures that show several texels in a pixel
+    /// cannot write their noise into them.
+    pub fn correct(&mut self, parameter: usize, side: usize, is_factor: bool) {
+        let [_, height, width, _] = self.parameters[parameter].shape;
+        let start = self.values[parameter].clone();
+        self.motions[parameter] =
+            Motion::Correction(Correction::none([width, height], side, is_factor, start));
     }
 
     /// Whether a parameter moves in the logarithms of its values.
     pub fn moves_in_logarithms(&self, parameter: usize) -> bool {
-        self.logarithms[parameter].is_some()
+        matches!(self.motions[parameter], Motion::Logarithms(_))
     }
 
-    /// What the optimizer moves: the values of a parameter or their logarithms.
+    /// What the optimizer moves of a parameter.
     fn moving(&self, parameter: usize) -> &[f32] {
-        self.logarithms[parameter].as_ref().unwrap_or(&self.values[parameter])
+        match &self.motions[parameter] {
+            Motion::Values => &self.values[parameter],
+            Motion::Logarithms(l) => l,
+            Motion::Correction(c) => &c.grid,
+        }
     }
 
     fn moving_mut(&mut self, parameter: usize) -> &mut [f32] {
-        self.logarithms[parameter].as_mut().unwrap_or(&mut self.values[parameter])
+        match &mut self.motions[parameter] {
+            Motion::Values => &mut self.values[parameter],
+            Motion::Logarithms(l) => l,
+            Motion::Correction(c) => &mut c.grid,
+        }
+    }
+
+    /// Slices, rows and columns of what moves of a parameter, and its lowest and highest value.
+    fn moving_shape(&self, parameter: usize) -> ([usize; 3], [f32; 2]) {
+        let p = &self.parameters[parameter];
+        let [depth, height, width, _] = p.shape;
+        match &self.motions[parameter] {
+            Motion::Values => ([depth, height, width], p.range),
+            Motion::Logarithms(_) => ([depth, height, width], p.range.map(f32::ln)),
+            Motion::Correction(c) => {
+                let [columns, rows] = c.cells();
+                ([1, rows, columns], c.range(p.range))
+            }
+        }
     }
 
     /// Whether steps of a parameter are smoothed: of textures, of environments of at least 16 rows, and of grids in space of at
     /// least 16 voxels along some side, where that is asked for.
     pub fn is_smoothed(&self, parameter: &TracedParameter) -> bool {
         parameter.cells() > 1 && levels(parameter) > 0 && self.smoothing != Smoothing::None
+    }
+
+    /// Levels of the bilateral filter of a texture after a share of a phase: one less after equal parts of it, none in the last, so that
+    /// what is wide is found first and what is narrow is not held back. Grids in space and environments keep theirs.
+    fn levels_after(&self, parameter: usize, share: f64) -> u32 {
+        let p = &self.parameters[parameter];
+        let all = levels(p);
+        let is_texture = p.shape[0] == 1 && p.parameter != Parameter::Environment;
+        if is_texture {
+            all - (share.clamp(0.0, 1.0) * f64::from(all + 1)).min(f64::from(all)) as u32
+        } else {
+            all
+        }
     }
 
     fn update(&mut self, parameter: usize) -> Result<(), photofit_pathtrace::PathtraceError> {
@@ -339,9 +395,14 @@ impl Traced {
                 let cells = found.values.chunks_exact(found.channels);
                 let cells = cells.flat_map(|v| v[..channels].iter());
                 let rows = out[k].iter_mut().zip(cells).zip(&self.values[k]);
-                match self.moves_in_logarithms(k) {
-                    true => rows.for_each(|((o, g), v)| *o += (*g * f64::from(*v)) as f32),
-                    false => rows.for_each(|((o, g), _)| *o += *g as f32),
+                match &self.motions[k] {
+                    Motion::Values => rows.for_each(|((o, g), _)| *o += *g as f32),
+                    Motion::Logarithms(_) => rows.for_each(|((o, g), v)| *o += (*g * f64::from(*v)) as f32),
+                    Motion::Correction(c) => {
+                        let held = found.channels;
+                        let of = |i: usize| found.values[i / channels * held + i % channels];
+                        c.apply_vjp(self.parameters[k].range, &self.values[k], of, &mut out[k]);
+                    }
                 }
             }
             Ok(value)
@@ -367,16 +428,16 @@ impl Chain for Traced {
     type Gradients = Vec<Vec<f32>>;
 
     fn groups(&self) -> Vec<Group> {
-        let group = |(k, p): (usize, &TracedParameter)| Group {
-            name: Cow::Owned(p.name.clone()),
-            rows: p.cells(),
-            columns: p.channels(),
-            ranges: vec![
-                if self.moves_in_logarithms(k) { p.range.map(f32::ln) } else { p.range };
-                p.channels()
-            ],
-            unit: None,
-            rates: Vec::new(),
+        let group = |(k, p): (usize, &TracedParameter)| {
+            let (shape, range) = self.moving_shape(k);
+            Group {
+                name: Cow::Owned(p.name.clone()),
+                rows: shape.iter().product(),
+                columns: p.channels(),
+                ranges: vec![range; p.channels()],
+                unit: None,
+                rates: Vec::new(),
+            }
         };
         self.parameters.iter().enumerate().map(group).collect()
     }
@@ -384,7 +445,7 @@ impl Chain for Traced {
     fn optimizer(&self, group: &Group) -> Result<Optimizer<f32>, FitError> {
         let index = self.parameters.iter().position(|p| p.name == group.name);
         let known = index.map(|k| &self.parameters[k]);
-        let [depth, height, width, _] = known.map_or([1; 4], |p| p.shape);
+        let [depth, height, width] = index.map_or([1; 3], |k| self.moving_shape(k).0);
         // A short memory of the first moment: rates stay large while gradients of few samples are averaged over space.
         let temporal = Temporal::adam().betas(0.2, 0.999);
         let new = || Optimizer::new(&group.name, group.len(), temporal);
@@ -398,16 +459,25 @@ impl Chain for Traced {
                     .and_then(|f| new()?.with_filter(Placement::PRE, f)),
                 Smoothing::Bilateral => {
                     let usual = Bilateral::default();
-                    let levels = known.map_or(usual.levels, levels);
-                    let in_logarithms = index.is_some_and(|k| self.moves_in_logarithms(k));
-                    let map = if in_logarithms { GuideMap::Linear } else { GuideMap::Log };
+                    let levels = index.map_or(usual.levels, |k| self.levels_after(k, self.share));
+                    let is_value = index.is_none_or(|k| matches!(self.motions[k], Motion::Values));
+                    let map = if is_value { GuideMap::Log } else { GuideMap::Linear };
                     let settings = Bilateral { levels, map, sigma: Sigma::Auto(2.0), ..usual };
-                    GridBilateral::new(&group.name, grid, group.columns, settings)
-                        .and_then(|f| new()?.with_filter(Placement::BOTH, f))
+                    match levels {
+                        0 => new(),
+                        _ => GridBilateral::new(&group.name, grid, group.columns, settings)
+                            .and_then(|f| new()?.with_filter(Placement::BOTH, f)),
+                    }
                 }
             }
         };
         made.map_err(FitError::Preconditioner)
+    }
+
+    fn phase_share(&mut self, share: f64) -> bool {
+        let before = std::mem::replace(&mut self.share, share);
+        let narrows = |k| self.levels_after(k, before) != self.levels_after(k, share);
+        self.smoothing == Smoothing::Bilateral && (0..self.parameters.len()).any(narrows)
     }
 
     fn values(&self, group: usize) -> &[f32] {
@@ -419,14 +489,19 @@ impl Chain for Traced {
     }
 
     fn changed(&mut self, group: usize) -> Result<(), ModelError> {
-        if let Some(logarithms) = &self.logarithms[group] {
-            self.values[group].iter_mut().zip(logarithms).for_each(|(v, l)| *v = l.exp());
+        let values = &mut self.values[group];
+        match &self.motions[group] {
+            Motion::Values => {}
+            Motion::Logarithms(logarithms) => {
+                values.iter_mut().zip(logarithms).for_each(|(v, l)| *v = l.exp());
+            }
+            Motion::Correction(c) => c.apply(self.parameters[group].range, values),
         }
         self.update(group).map_err(|e| ModelError::Picture(Box::new(e.into())))
     }
 
     fn gradients(&self) -> Self::Gradients {
-        self.values.iter().map(|v| vec![0.0; v.len()]).collect()
+        (0..self.values.len()).map(|k| vec![0.0; self.moving(k).len()]).collect()
     }
 
     fn moved<'a>(&'a mut self, gradients: &'a Self::Gradients, group: usize) -> (&'a mut [f32], &'a [f32]) {

@@ -458,6 +458,7 @@ impl<M: Model> Trainer<'_, M> {
         let factor = schedule.factor(step - phase.first);
         let rates: Vec<f64> = self.groups.iter().map(|g| phase.rate(&g.name) * factor).collect();
         self.model.step_masks(phase.masks(step));
+        self.model.phase_share((step - phase.first) as f64 / phase.steps.max(1) as f64)?;
         let began = Instant::now();
         let made = self.model.step(&shots, job.loss, &rates);
         self.at_step(made)?;

@@ -147,14 +147,70 @@ fn the_same_bits_on_one_thread_and_two() {
     assert_eq!(values(1), values(2));
 }
 
+/// A white picture that is to be reached.
+fn white_shot() -> Shot {
+    let image = Image::from_fn(SIDE, SIDE, 4, |_, _, _| 1.0);
+    let given = GivenPicture { camera: ViewCamera::Traced(view()), lights: ViewLights::default(), image };
+    Shot::new(&given.setup(0), given.image.clone(), Sampling::SUPERSAMPLED, 0, 0)
+}
+
+#[test]
+fn a_corrected_texture_moves_in_cells_and_keeps_its_detail() {
+    const PICTURE: usize = 1;
+    let mut m = model(Smoothing::Bilateral);
+    assert_eq!(m.parameters[PICTURE].cells(), TEXELS * TEXELS);
+    let step = |m: &Traced| {
+        let mut out = m.gradients();
+        let shots = [white_shot()];
+        m.step(&shots, PictureLoss::RELATIVE_SQUARES, &[true; 3], &mut out).expect("a step");
+        out.swap_remove(PICTURE)
+    };
+    let (plain, detail) = (step(&m), m.of(PICTURE).to_vec());
+    m.correct(PICTURE, TEXELS, true);
+    let groups = Chain::groups(&m);
+    assert_eq!((groups[PICTURE].rows, groups[PICTURE].columns), (1, 3));
+    // One cell: the derivative of a factor of all texels is the sum over them.
+    let found = step(&m);
+    for c in 0..3 {
+        let of = |k: &usize| k % 3 == c;
+        let wanted: f64 =
+            (0..detail.len()).filter(of).map(|k| f64::from(plain[k]) * f64::from(detail[k])).sum();
+        assert!((f64::from(found[c]) - wanted).abs() <= 1e-4 * wanted.abs(), "{} {wanted}", found[c]);
+    }
+    m.values_mut(PICTURE).fill(0.9_f32.ln());
+    m.changed(PICTURE).expect("valid");
+    let held = m.world().parameter(&m.parameters[PICTURE].parameter).expect("there");
+    for ((v, w), d) in m.of(PICTURE).iter().zip(&held).zip(&detail) {
+        assert!((v - 0.9 * d).abs() < 1e-5 && (w - v).abs() < 1e-5, "{v} {w} of {d}");
+    }
+    // Values that are set begin anew.
+    m.replace(PICTURE, &detail).expect("valid");
+    assert!(Chain::values(&m, PICTURE).iter().all(|v| *v == 0.0) && m.of(PICTURE) == detail);
+}
+
+#[test]
+fn filters_of_textures_narrow_until_there_is_none() {
+    let mut m = model(Smoothing::Bilateral);
+    let mut changes = Vec::new();
+    for step in 0..60 {
+        if m.phase_share(f64::from(step) / 60.0) {
+            changes.push(step);
+        }
+    }
+    // Five levels and none: six parts.
+    assert_eq!(changes, [10, 20, 30, 40, 50]);
+    assert!(!m.phase_share(1.0), "the last part is the end");
+    assert!(m.phase_share(0.0), "and back");
+    for other in [Smoothing::None, Smoothing::Laplacian] {
+        m.smoothing = other;
+        assert!(!m.phase_share(0.5) && !m.phase_share(0.0), "{other:?} stays as it is");
+    }
+}
+
 #[test]
 fn parameters_that_move_in_logarithms_have_their_derivatives() {
     const LAMP: usize = 2;
-    let shot = {
-        let image = Image::from_fn(SIDE, SIDE, 4, |_, _, _| 1.0);
-        let given = GivenPicture { camera: ViewCamera::Traced(view()), lights: ViewLights::default(), image };
-        Shot::new(&given.setup(0), given.image.clone(), Sampling::SUPERSAMPLED, 0, 0)
-    };
+    let shot = white_shot();
     let gradient = |m: &Traced| {
         let mut out = m.gradients();
         m.step(std::slice::from_ref(&shot), PictureLoss::RELATIVE_SQUARES, &[true; 3], &mut out)

@@ -141,8 +141,11 @@ impl Reader {
             .collect();
         for child in unread {
             let e = &self.document.elements[child];
+            let read = |c: &usize| self.used.contains(c) && self.document.elements[*c].name == e.name;
             let what = if e.name.is_empty() {
                 format!("{} in {}", self.title(child), self.title(plugin))
+            } else if self.document.elements[plugin].children.iter().any(read) {
+                format!("a second `{}` of {}", clip(&e.name), self.title(plugin))
             } else {
                 format!("the property `{}` of {}", clip(&e.name), self.title(plugin))
             };

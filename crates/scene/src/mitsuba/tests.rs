@@ -219,14 +219,19 @@ fn emitters_and_bounds() {
 #[test]
 fn all_that_is_not_supported_is_listed_with_its_line() {
     let text = load_text(&format!(
-        "{}\n<shape type='hair'/>\n<bsdf type='diffuse' id='x'><float name='sparkle' value='1'/></bsdf>\n\
+        "{}\n<shape type='hair'/>\n<bsdf type='diffuse' id='x'><float name='sparkle' value='1'/>\
+         <rgb name='reflectance' value='1'/><rgb name='reflectance' value='0'/></bsdf>\n\
          <shape type='sphere'><ref id='x'/></shape>\n<emitter type='sunsky'/><flower/>",
         SENSOR.replace('\n', " ")
     ))
     .unwrap_err();
-    for part in
-        ["line 2: shape `hair`", "line 3: the property `sparkle`", "line 5: emitter `sunsky`", "<flower>"]
-    {
+    for part in [
+        "line 2: shape `hair`",
+        "line 3: the property `sparkle`",
+        "line 3: a second `reflectance`",
+        "line 5: emitter `sunsky`",
+        "<flower>",
+    ] {
         assert!(text.contains(part), "{part} in {text}");
     }
 }

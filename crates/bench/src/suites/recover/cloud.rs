@@ -10,12 +10,12 @@ use photofit_pathtrace::{
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::Camera;
 
-use super::{Method, TARGET_SPP, Task, Unknown, best, picture, plot, race};
+use super::{Method, TARGET_SPP, Task, Unknown, best, picture, plot, race, sheet};
 use crate::context::Context;
 
 /// Voxels along the side of the grid, and pixels of the pictures.
-const VOXELS: usize = 64;
-const PIXELS: usize = 128;
+pub(super) const VOXELS: usize = 64;
+pub(super) const PIXELS: usize = 128;
 /// Extinction of density 1, per length; the box has side 2.
 const SCALE: f32 = 8.0;
 /// Pictures, those of a step, and those that are held out.
@@ -29,7 +29,8 @@ const DENSE: f32 = 0.1;
 
 pub(super) fn run(ctx: &mut Context) -> Result<()> {
     let mut task = task()?;
-    let adams = [0.004, 0.008, 0.02, 0.05].map(|rate| Method::adam(rate, 0.2));
+    let mut adams = [0.008, 0.02, 0.05].map(|rate| Method::adam(rate, 0.2)).to_vec();
+    adams.push(Method::adam(0.02, 0.2).falling());
     let last = &LOOKS[LOOKS.len() - 1..];
     let adam = best(&adams, &race(ctx, &mut task, &adams, last)?).clone();
     let tuned =
@@ -37,14 +38,21 @@ pub(super) fn run(ctx: &mut Context) -> Result<()> {
     let mut cross = Method::filtered("bilateral", 0.02, tuned, Placement::BOTH);
     cross.sigmas = vec![0.001, 0.2];
     let automatic = Bilateral { map: GuideMap::Log, sigma: Sigma::Auto(2.0), ..tuned };
+    let own = Method::filtered("bilateral, automatic width", 0.02, automatic, Placement::BOTH);
     let methods = [
         adam,
         Method::low_pass(0.02),
         cross,
-        Method::filtered("bilateral, automatic width", 0.02, automatic, Placement::BOTH),
+        own.clone(),
+        Method::low_pass(0.02).falling().narrowing(),
+        own.falling().narrowing(),
     ];
     let courses = race(ctx, &mut task, &methods, &LOOKS)?;
     plot(ctx, &task, &methods, &courses)?;
+    // Slices through the middle.
+    let at = |x, y| x + VOXELS * (VOXELS - 1 - y + VOXELS * (VOXELS / 2));
+    sheet(&task, &courses, 0, |v| Image::from_fn(VOXELS, VOXELS, 3, |x, y, _| v[at(x, y)]))?;
+    sheet(&task, &courses, 1, |v| Image::from_fn(VOXELS, VOXELS, 3, |x, y, c| v[3 * at(x, y) + c]))?;
     let ends = task.ends()?;
     ctx.note(format!(
         "{ends} {}: {VOXELS} voxels a side, {VIEWS} pictures of {PIXELS} x {PIXELS} pixels, {BATCH} of them a step, 16 samples a pixel and 1 \
@@ -56,7 +64,7 @@ pub(super) fn run(ctx: &mut Context) -> Result<()> {
 }
 
 /// Density 0 to 1 and albedo of a cloud with bumps, x fastest.
-fn cloud() -> (Vec<f32>, Vec<f32>) {
+pub(super) fn cloud() -> (Vec<f32>, Vec<f32>) {
     let at = |i: usize| (i as f32 + 0.5) / VOXELS as f32;
     let mut rng = photofit_sampling::Rng::new(5, 0);
     let mut waves = Vec::new();

@@ -3,13 +3,15 @@
 //! of our own).
 
 mod cloud;
+pub(super) mod mesh;
 mod plate;
+pub(super) mod steps;
 
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use photofit_fit::engine::loss::PictureLoss;
-use photofit_image::Image;
+use photofit_image::{Image, contact_sheet, write_png};
 use photofit_optim::{
     Bilateral, Grid, GridBilateral, GuideMap, Optimizer, Placement, Sigma, Source, Temporal,
 };
@@ -23,6 +25,8 @@ use crate::timing::Timing;
 /// Samples per pixel of targets, and of the pictures that errors are measured on.
 const TARGET_SPP: u32 = 512;
 const JUDGE_SPP: u32 = 64;
+/// Where scenes and pictures are written.
+const FOLDER: &str = "out/bench/recover";
 
 /// A group of values to be found.
 struct Unknown {
@@ -60,6 +64,10 @@ struct Task {
 struct Method {
     name: String,
     rate: f64,
+    /// The rate falls to 0 over the run, as a cosine; else it stays, or is that of [`Task::half_life`].
+    falls: bool,
+    /// The filter loses a level after equal parts of the run, and has none in the last one.
+    narrows: bool,
     betas: [f64; 2],
     filter: Option<(Bilateral, Placement)>,
     /// Widths of range weights, one for each unknown, where they are not those of `filter`.
@@ -69,12 +77,33 @@ struct Method {
 impl Method {
     fn adam(rate: f64, beta1: f64) -> Self {
         let name = format!("Adam, rate {rate}, b1 {beta1}");
-        Self { name, rate, betas: [beta1, 0.999], filter: None, sigmas: Vec::new() }
+        Self {
+            name,
+            rate,
+            falls: false,
+            narrows: false,
+            betas: [beta1, 0.999],
+            filter: None,
+            sigmas: Vec::new(),
+        }
     }
 
     fn filtered(name: &str, rate: f64, filter: Bilateral, placement: Placement) -> Self {
         let filter = Some((filter, placement));
-        Self { name: name.into(), rate, betas: [0.2, 0.999], filter, sigmas: Vec::new() }
+        Self {
+            name: name.into(),
+            rate,
+            falls: false,
+            narrows: false,
+            betas: [0.2, 0.999],
+            filter,
+            sigmas: Vec::new(),
+        }
+    }
+
+    /// The same with a rate that falls to 0.
+    fn falling(&self) -> Self {
+        Self { name: format!("{}, falling", self.name), falls: true, ..self.clone() }
     }
 
     /// A low-pass filter of gradients.
@@ -94,14 +123,39 @@ impl Method {
         Self::filtered("bilateral, guided by gradients", rate, filter, Placement::BOTH)
     }
 
-    fn optimizer(&self, unknown: &Unknown, index: usize) -> Result<Optimizer<f32>> {
+    /// The same with a filter that narrows.
+    fn narrowing(&self) -> Self {
+        Self { name: format!("{}, narrowing", self.name), narrows: true, ..self.clone() }
+    }
+
+    /// Levels of its filter at a share of the run.
+    fn levels(&self, share: f64) -> u32 {
+        let levels = self.filter.map_or(0, |f| f.0.levels);
+        if self.narrows { levels - (share * f64::from(levels + 1)) as u32 } else { levels }
+    }
+
+    fn optimizer(&self, unknown: &Unknown, index: usize, levels: u32) -> Result<Optimizer<f32>> {
         let temporal = Temporal::adam().betas(self.betas[0], self.betas[1]);
         let made = Optimizer::new(unknown.name, unknown.truth.len(), temporal)?;
-        let Some((filter, placement)) = self.filter else { return Ok(made) };
+        let Some((filter, placement)) = self.filter.filter(|_| levels > 0) else { return Ok(made) };
+        let filter = Bilateral { levels, ..filter };
         let sigma = self.sigmas.get(index).map_or(filter.sigma, |s| Sigma::Fixed(*s));
         let filter =
             GridBilateral::new(unknown.name, unknown.grid, unknown.channels, Bilateral { sigma, ..filter })?;
         Ok(made.with_filter(placement, filter)?)
+    }
+}
+
+/// A run: what was reached after some steps, and the values of each unknown at its end.
+struct Course {
+    looks: Vec<Look>,
+    values: Vec<Vec<f32>>,
+}
+
+impl Course {
+    /// The loss at its end.
+    fn loss(&self) -> f64 {
+        self.looks.last().map_or(f64::INFINITY, |l| l.loss)
     }
 }
 
@@ -118,17 +172,22 @@ struct Look {
 
 impl Task {
     /// Runs `method` from the start, and looks at what it has reached after each of `looks`.
-    fn run(&mut self, method: &Method, looks: &[u64]) -> Result<Vec<Look>> {
+    fn run(&mut self, method: &Method, looks: &[u64]) -> Result<Course> {
         let mut values: Vec<Vec<f32>> = self.unknowns.iter().map(|u| u.start.clone()).collect();
         for (unknown, values) in self.unknowns.iter().zip(&values) {
             set(&mut self.world, unknown, values)?;
         }
-        let mut optimizers: Vec<Optimizer<f32>> =
-            self.unknowns.iter().enumerate().map(|(k, u)| method.optimizer(u, k)).collect::<Result<_>>()?;
+        let mut optimizers: Vec<Optimizer<f32>> = self
+            .unknowns
+            .iter()
+            .enumerate()
+            .map(|(k, u)| method.optimizer(u, k, method.levels(0.0)))
+            .collect::<Result<_>>()?;
         let places: Vec<Parameter> = self.unknowns.iter().map(|u| u.parameter.clone()).collect();
         let mut seconds = 0.0;
         let mut found = vec![self.look(0, seconds, &values)?];
-        for step in 0..looks.last().copied().unwrap_or(0) {
+        let steps = looks.last().copied().unwrap_or(0);
+        for step in 0..steps {
             let began = Instant::now();
             let mut gradients: Vec<Vec<f32>> = values.iter().map(|v| vec![0.0; v.len()]).collect();
             for k in 0..self.batch as u64 {
@@ -146,8 +205,17 @@ impl Task {
                     sum.iter_mut().zip(entries).for_each(|(s, v)| *s += (v / self.batch as f64) as f32);
                 }
             }
-            let fall = self.half_life.map_or(1.0, |h| 0.5_f64.powi((step / h) as i32));
+            let halved = self.half_life.map_or(1.0, |h| 0.5_f64.powi((step / h) as i32));
+            let cosine = || 0.5 + 0.5 * (std::f64::consts::PI * (step as f64 + 0.5) / steps as f64).cos();
+            let fall = if method.falls { cosine() } else { halved };
+            let levels = method.levels(step as f64 / steps as f64);
+            let fewer = step > 0 && levels < method.levels((step - 1) as f64 / steps as f64);
             for (k, unknown) in self.unknowns.iter().enumerate() {
+                if fewer {
+                    let state = optimizers[k].state().clone();
+                    optimizers[k] = method.optimizer(unknown, k, levels)?;
+                    optimizers[k].restore(state)?;
+                }
                 let rate = (method.rate * fall) as f32 * unknown.rate;
                 optimizers[k].step(&mut values[k], &gradients[k], rate)?;
                 let [low, high] = unknown.range;
@@ -159,7 +227,7 @@ impl Task {
                 found.push(self.look(step + 1, seconds, &values)?);
             }
         }
-        Ok(found)
+        Ok(Course { looks: found, values })
     }
 
     /// A sentence on the loss and the errors of the start, and on the loss that noise alone leaves to the truth.
@@ -209,12 +277,17 @@ impl Unknown {
     }
 }
 
-/// Sets the values of an unknown; numbers that a world keeps as colours are the same in all channels.
+/// Sets the values of an unknown.
 fn set(world: &mut World, unknown: &Unknown, values: &[f32]) -> Result<()> {
-    let held = world.parameter(&unknown.parameter)?.len() / (unknown.truth.len() / unknown.channels);
-    let spread = values.chunks_exact(unknown.channels);
+    set_values(world, &unknown.parameter, unknown.channels, values)
+}
+
+/// Sets values of so many channels; numbers that a world keeps as colours are the same in all channels.
+fn set_values(world: &mut World, parameter: &Parameter, channels: usize, values: &[f32]) -> Result<()> {
+    let held = world.parameter(parameter)?.len() / (values.len() / channels);
+    let spread = values.chunks_exact(channels);
     let spread: Vec<f32> = spread.flat_map(|v| (0..held).map(|c| v[c.min(v.len() - 1)])).collect();
-    Ok(world.set_parameter(&unknown.parameter, &spread)?)
+    Ok(world.set_parameter(parameter, &spread)?)
 }
 
 fn picture(world: &World, view: &View, options: &RenderOptions) -> Result<Image> {
@@ -234,12 +307,12 @@ fn compare(shown: &Image, target: &Image) -> (f64, Image) {
     (loss, Image::from_fn(w, h, 3, |x, y, c| gradient[y * w + x][c]))
 }
 
-/// Runs methods, records their figures and plots their courses; returns the looks of each.
-fn race(ctx: &mut Context, task: &mut Task, methods: &[Method], looks: &[u64]) -> Result<Vec<Vec<Look>>> {
+/// Runs methods and records their figures.
+fn race(ctx: &mut Context, task: &mut Task, methods: &[Method], looks: &[u64]) -> Result<Vec<Course>> {
     let mut all = Vec::new();
     for method in methods {
         let found = task.run(method, looks)?;
-        for look in &found[1..] {
+        for look in &found.looks[1..] {
             let each = look.seconds / look.step as f64;
             let timing = Timing { median: each, spread: 0.0, runs: look.step as usize };
             let mut figures = vec![("loss", look.loss)];
@@ -253,13 +326,13 @@ fn race(ctx: &mut Context, task: &mut Task, methods: &[Method], looks: &[u64]) -
 }
 
 /// Plots the courses of some methods: the loss, and the error of the first unknown.
-fn plot(ctx: &mut Context, task: &Task, methods: &[Method], courses: &[Vec<Look>]) -> Result<()> {
+fn plot(ctx: &mut Context, task: &Task, methods: &[Method], courses: &[Course]) -> Result<()> {
     let ending = task.name.replace(' ', "-");
     let first = task.unknowns[0].name;
     type Of = fn(&Look) -> f64;
     for (what, of) in [("loss", (|l| l.loss) as Of), (first, |l| l.errors[0])] {
-        let curve = |(m, c): (&Method, &Vec<Look>)| {
-            (m.name.clone(), c[1..].iter().map(|l| (l.seconds, of(l))).collect())
+        let curve = |(m, c): (&Method, &Course)| {
+            (m.name.clone(), c.looks[1..].iter().map(|l| (l.seconds, of(l))).collect())
         };
         let curves: Vec<_> = methods.iter().zip(courses).map(curve).collect();
         let title = format!("{}: {what} against time", task.name);
@@ -270,10 +343,20 @@ fn plot(ctx: &mut Context, task: &Task, methods: &[Method], courses: &[Vec<Look>
 }
 
 /// The method of some with the lowest last loss.
-fn best<'a>(methods: &'a [Method], courses: &[Vec<Look>]) -> &'a Method {
-    let last = |k: usize| courses[k].last().map_or(f64::INFINITY, |l| l.loss);
-    let at = (0..methods.len()).min_by(|a, b| last(*a).total_cmp(&last(*b))).unwrap_or(0);
+fn best<'a>(methods: &'a [Method], courses: &[Course]) -> &'a Method {
+    let at = (0..methods.len()).min_by(|a, b| courses[*a].loss().total_cmp(&courses[*b].loss())).unwrap_or(0);
     &methods[at]
+}
+
+/// Writes what the methods found of an unknown as one sheet: the truth, the start, and every method in order. `shown` is the grey picture of values.
+fn sheet(task: &Task, courses: &[Course], unknown: usize, shown: impl Fn(&[f32]) -> Image) -> Result<()> {
+    let u = &task.unknowns[unknown];
+    let found = courses.iter().map(|c| &c.values[unknown]);
+    let images: Vec<Image> = [&u.truth, &u.start].into_iter().chain(found).map(|v| shown(v)).collect();
+    std::fs::create_dir_all(FOLDER).with_context(|| format!("{FOLDER}: cannot create"))?;
+    let name = format!("{FOLDER}/{}-{}.png", task.name, u.name.replace(' ', "-"));
+    let refs: Vec<&Image> = images.iter().collect();
+    Ok(write_png(name, &contact_sheet(&refs, 4, 4))?)
 }
 
 pub(crate) fn run(ctx: &mut Context) -> Result<()> {

@@ -9,22 +9,20 @@ use photofit_optim::{Bilateral, Grid, GuideMap, Placement, Sigma};
 use photofit_pathtrace::{Parameter, Parts, RenderOptions, View, World};
 use photofit_scene::mitsuba::{MitsubaOptions, load_mitsuba};
 
-use super::{Method, TARGET_SPP, Task, Unknown, best, picture, plot, race};
+use super::{FOLDER, Method, TARGET_SPP, Task, Unknown, best, picture, plot, race, sheet};
 use crate::context::Context;
 
 /// Texels along the side of the plate, and pixels of its picture.
-const TEXELS: usize = 512;
-const PIXELS: usize = 256;
+pub(super) const TEXELS: usize = 512;
+pub(super) const PIXELS: usize = 256;
 /// Alpha that all runs start from, texel by texel: nearly a mirror, as in the paper.
-fn start(texel: usize) -> f32 {
+pub(super) fn start(texel: usize) -> f32 {
     let bits = photofit_sampling::hash(7, texel as u64, 0);
     0.02 + 0.2 * photofit_sampling::unit_f32((bits >> 32) as u32)
 }
 
 /// Steps of a run, and those at which it is looked at.
 const LOOKS: [u64; 6] = [5, 10, 20, 33, 50, 100];
-/// Where the scene is written, for other programs too.
-const FOLDER: &str = "out/bench/recover";
 
 pub(super) fn run(ctx: &mut Context) -> Result<()> {
     let mut task = task()?;
@@ -32,29 +30,40 @@ pub(super) fn run(ctx: &mut Context) -> Result<()> {
     for rate in [0.001, 0.01, 0.05] {
         adams.extend([0.2, 0.9].map(|b1| Method::adam(rate, b1)));
     }
+    adams.extend([0.01, 0.03, 0.05].map(|rate| Method::adam(rate, 0.9).falling()));
     let last = &LOOKS[LOOKS.len() - 1..];
     let adam = best(&adams, &race(ctx, &mut task, &adams, last)?).clone();
-    let low = [0.01, 0.05, 0.1].map(Method::low_pass);
+    let low = [0.01, 0.02].map(Method::low_pass);
+    let low: Vec<Method> = low.iter().flat_map(|m| [m.clone(), m.falling().narrowing()]).collect();
     let low = best(&low, &race(ctx, &mut task, &low, last)?).clone();
     let tuned = Bilateral { levels: 5, sigma: Sigma::Fixed(0.1), map: GuideMap::Log, ..Bilateral::default() };
     let cross = Method::filtered("bilateral", 0.1, tuned, Placement::BOTH);
     let automatic = Bilateral { sigma: Sigma::Auto(2.0), ..tuned };
     let mut memoryless = Method::filtered("bilateral, no memory", 0.1, tuned, Placement::BOTH);
     memoryless.betas = [0.0, 0.0];
+    let own = Method::filtered("bilateral, automatic width", 0.05, automatic, Placement::BOTH);
     let methods = [
         adam,
         low,
         Method::plain(0.1),
-        cross,
-        Method::filtered("bilateral, automatic width", 0.05, automatic, Placement::BOTH),
+        cross.clone(),
+        cross.falling(),
+        cross.falling().narrowing(),
+        own.clone(),
+        own.falling(),
+        own.falling().narrowing(),
         Method::filtered("bilateral of gradients alone", 0.1, tuned, Placement::PRE),
         Method::filtered("bilateral of moments alone", 0.1, tuned, Placement::POST),
         memoryless,
     ];
     let courses = race(ctx, &mut task, &methods, &LOOKS)?;
     plot(ctx, &task, &methods, &courses)?;
+    // The same in a third of the steps.
+    let brief = [cross.falling().narrowing(), own.falling().narrowing()];
+    race(ctx, &mut task, &brief, &LOOKS[..4])?;
     let ends = task.ends()?;
-    let goal = courses[0].last().map_or(0.0, |l| l.loss);
+    sheet(&task, &courses, 0, |v| Image::from_fn(TEXELS, TEXELS, 3, |x, y, _| v[y * TEXELS + x]))?;
+    let goal = courses[0].loss();
     let mut text = format!(
         "{}: {TEXELS} x {TEXELS} texels from one picture of {PIXELS} x {PIXELS} pixels, 16 samples a pixel and 1 for \
          gradients; Adam and the low-pass filter are the best of the runs above them by the last loss. Steps until the \
@@ -62,7 +71,7 @@ pub(super) fn run(ctx: &mut Context) -> Result<()> {
         task.name
     );
     for (method, course) in methods.iter().zip(&courses).skip(1) {
-        let step = course.iter().find(|l| l.loss <= goal).map(|l| l.step.to_string());
+        let step = course.looks.iter().find(|l| l.loss <= goal).map(|l| l.step.to_string());
         let _ = write!(text, " {} {};", method.name, step.unwrap_or_else(|| "never".into()));
     }
     ctx.note(format!("{ends} {text}"));
@@ -84,9 +93,9 @@ fn noise(x: f32, y: f32, cells: u32, seed: u64) -> f32 {
 }
 
 /// Alpha (GGX): fields of a board with noise, a disk and thin lines.
-fn alpha(x: usize, y: usize) -> f32 {
+pub(super) fn alpha(x: usize, y: usize) -> f32 {
     let (u, v) = ((x as f32 + 0.5) / TEXELS as f32, (y as f32 + 0.5) / TEXELS as f32);
-    let mut r = 0.42 + 0.17 * noise(u, v, 6, 3) + 0.06 * noise(u, v, 24, 4);
+    let mut r = 0.42 + 0.17 * noise(u, v, 6, 13) + 0.06 * noise(u, v, 24, 14);
     if ((u * 8.0) as u32 + (v * 8.0) as u32) % 2 == 1 {
         r *= 0.55;
     }
@@ -101,7 +110,7 @@ fn alpha(x: usize, y: usize) -> f32 {
 }
 
 /// A sky with windows of light.
-fn sky() -> Image {
+pub(super) fn sky() -> Image {
     Image::from_fn(128, 64, 3, |x, y, c| {
         let height = 1.0 - y as f32 / 32.0;
         let ground = [0.12, 0.1, 0.08][c];
@@ -140,7 +149,7 @@ fn files() -> Result<[PathBuf; 2]> {
 }
 
 /// The scene, with `plate.exr` for the alpha and `{PIXELS}` for the side of its picture; the drivers of peers read it, too.
-const SCENE: &str = include_str!("plate.xml");
+pub(super) const SCENE: &str = include_str!("plate.xml");
 
 fn scene(name: &str) -> String {
     SCENE.replace("plate.exr", &format!("{name}.exr")).replace("{PIXELS}", &PIXELS.to_string())
