@@ -19,13 +19,13 @@ use super::{cloud, compare, picture, plate};
 use crate::context::Context;
 use crate::timing::Timing;
 
-/// Samples of the picture of a step and of its gradient; other programs are compared with the first.
-const SAMPLES: [[u32; 2]; 6] = [[16, 1], [8, 1], [4, 1], [2, 1], [1, 1], [4, 2]];
+/// Samples of the picture of a step and of its gradient.
+const SAMPLES: [[u32; 2]; 9] = [[16, 1], [8, 1], [4, 1], [2, 1], [1, 1], [2, 2], [4, 2], [4, 4], [8, 4]];
 /// Steps of which variances and times are told, and one before them that is not counted.
 const STEPS: u64 = 12;
 /// Samples per pixel of the picture that values are fitted to.
 const TARGET_SPP: u32 = 512;
-/// Where scenes, the target, its weights and gradients are written.
+/// Where scenes, the target and its weights are written.
 const FOLDER: &str = "out/bench/recover-steps";
 /// How far the values are from the start (0) to the truth (1).
 const STATES: [(&str, f32); 2] = [("start", 0.0), ("halfway", 0.5)];
@@ -159,15 +159,6 @@ impl Scene {
         let count = STEPS as f64;
         let variance = |s: &[f64]| s.iter().sum::<f64>() / (count - 1.0);
         let figures = self.values.iter().zip(&moments).map(|(v, [_, s])| (v.figure, variance(s))).collect();
-        if [spp, gradient_spp] == SAMPLES[0] {
-            for (held, [mean, squares]) in self.values.iter().zip(&moments) {
-                let error = squares.iter().map(|s| (s / (count - 1.0) / count).sqrt());
-                let bytes: Vec<u8> =
-                    mean.iter().copied().chain(error).flat_map(|v| (v as f32).to_le_bytes()).collect();
-                let file = Path::new(FOLDER).join(format!("{}_{state}_{}.f32", self.name, held.name));
-                fs::write(&file, bytes).with_context(|| format!("{}: cannot write", file.display()))?;
-            }
-        }
         let (method, case) = (format!("{}, {state}", self.name), format!("{spp} + {gradient_spp} samples"));
         ctx.record(&method, &case, (spp + gradient_spp) as usize, Timing::of(seconds), figures);
         Ok(())
