@@ -91,7 +91,7 @@ impl Default for RecoverMaterialOptions {
             rounds: 2,
             steps: 200,
             rate: 0.05,
-            spp: 16,
+            spp: 8,
             gradient_spp: 4,
             max_depth: 4,
             smoothing: Smoothing::Laplacian,

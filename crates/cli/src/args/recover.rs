@@ -132,10 +132,10 @@ pub(crate) struct TracedFit {
     #[arg(long, value_name = "RATE", default_value_t = 0.05, value_parser = number(above_to(0.0, 1.0)))]
     pub(crate) rate: f64,
     /// Samples per pixel of the picture of a step [range: 1 to 65536].
-    #[arg(long, value_name = "N", default_value_t = 16, value_parser = whole::<u32>(1..=65536))]
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = whole::<u32>(1..=65536))]
     pub(crate) spp: u32,
     /// Samples per pixel of its gradient [range: 1 to 65536].
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole::<u32>(1..=65536))]
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = whole::<u32>(1..=65536))]
     pub(crate) gradient_spp: u32,
 }
 
