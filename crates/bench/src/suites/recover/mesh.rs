@@ -206,7 +206,7 @@ fn spikes() -> Mesh {
     for p in &mut mesh.positions {
         let near = directions.iter().map(|d| d.dot(*p)).fold(-1.0, f32::max);
         let angle = near.clamp(-1.0, 1.0).acos();
-        *p *= (0.35 + 0.65 * (-(angle / 0.12).powi(2)).exp());
+        *p *= 0.35 + 0.65 * (-(angle / 0.12).powi(2)).exp();
     }
     Mesh { positions: mesh.positions, triangles: mesh.triangles, ..Mesh::default() }
 }
