@@ -168,7 +168,7 @@ fn begin(a: &RecoverScene, task: &mut Task) -> Result<()> {
         task.model.replace(k, &start).map_err(|e| anyhow!("{}: {name}: {e}", a.scene.input.display()))?;
         if task.truth.as_ref().is_some_and(|t| t[k] == task.model.of(k)) {
             say(&format!(
-                "warning: {name}: starts at what it is in the scene, so that there is nothing to find; --start says otherwise"
+                "warning: {name}: starts at its value in the scene, so that nothing of it is to be found; choose another with --start"
             ));
         }
     }

@@ -227,7 +227,10 @@ fn write(a: &RecoverVolume, seen: &Seen, r: &RecoveredVolume, seconds: f64) -> R
     }
     let left = a.output.join(FILES[5]);
     if r.emission.is_empty() && left.exists() {
-        say(&format!("warning: {}: is of another run; this one looked for no emission", left.display()));
+        say(&format!(
+            "warning: {}: is left from another run; this one looked for no emission",
+            left.display()
+        ));
     }
     let [first, best] = first_and_best(&r.history);
     let truth = seen.truth.as_ref().filter(|t| t.size == r.size && t.bounds == r.bounds);

@@ -226,9 +226,12 @@ pub fn recover_volume(
             let mut model = r.model;
             if grid.size != whole {
                 let [a, b, c] = whole;
-                progress.note(&format!("ended on a grid of {x} x {y} x {z} voxels; written are {a} x {b} x {c}, linearly between them"));
+                progress.note(&format!(
+                    "the fit ended on a grid of {x} x {y} x {z} voxels, of which the course tells; the result has {a} x {b} x {c}, interpolated linearly"
+                ));
                 grid = grid.resampled(whole);
                 model = grid.model(surroundings, &bounds, options, [first.width, first.height])?;
+                model.not_finite = not_finite.clone();
             }
             return Ok(RecoveredVolume {
                 size: grid.size,

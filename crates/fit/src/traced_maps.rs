@@ -140,7 +140,7 @@ pub fn traced_maps(
     model.not_finite = n.not_finite.clone();
     for (k, map) in maps.iter().enumerate() {
         let image = &light.images[map.image];
-        let side = (image.width.max(image.height) / options.size).max(1).next_power_of_two();
+        let side = image.width.max(image.height).div_ceil(options.size).next_power_of_two();
         if side > 1 {
             model.correct(k, side, map.kind == MapKind::BaseColor);
         }
@@ -237,6 +237,9 @@ fn fingerprint(o: &TracedMapsOptions, light: &Scene) -> Fingerprint {
         shape.add(&mesh.uvs);
         shape.add(&instance.transform.to_cols_array());
     }
+    // Corrections are relative to these, which the values that move do not tell.
+    let mut maps = crate::engine::checkpoint::Digest::new();
+    light.images.iter().for_each(|i| maps.add_bytes(i.texels.as_flattened()));
     Fingerprint::default()
         .option("rate", o.rate)
         .option("size", o.size)
@@ -247,6 +250,7 @@ fn fingerprint(o: &TracedMapsOptions, light: &Scene) -> Fingerprint {
         .option("lighting", o.lighting.name())
         .option("seed", o.seed)
         .digest("shape of the light asset", shape)
+        .digest("maps of the light asset", maps)
 }
 
 /// The rows of the plan.

@@ -240,8 +240,12 @@ impl Traced {
     /// From now on a texture moves by a correction that is linear between the centres of cells of `side` x `side` texels, a factor of
     /// each texel or an addition to it: what its texels hold among themselves stays, and pictures that show several texels in a pixel
     /// cannot write their noise into them.
+    ///
+    /// # Panics
+    /// If the parameter is no texture, or `side` is 0.
     pub fn correct(&mut self, parameter: usize, side: usize, is_factor: bool) {
-        let [_, height, width, _] = self.parameters[parameter].shape;
+        let [depth, height, width, _] = self.parameters[parameter].shape;
+        assert!(depth == 1 && side > 0, "a texture, and cells of a texel or more");
         let start = self.values[parameter].clone();
         self.motions[parameter] =
             Motion::Correction(Correction::none([width, height], side, is_factor, start));
@@ -294,12 +298,18 @@ impl Traced {
     fn levels_after(&self, parameter: usize, share: f64) -> u32 {
         let p = &self.parameters[parameter];
         let all = levels(p);
-        let is_texture = p.shape[0] == 1 && p.parameter != Parameter::Environment;
+        let is_texture = matches!(p.parameter, Parameter::Texels { .. } | Parameter::Graph { .. });
         if is_texture {
             all - (share.clamp(0.0, 1.0) * f64::from(all + 1)).min(f64::from(all)) as u32
         } else {
             all
         }
+    }
+
+    /// Whether filters of textures narrow over a phase.
+    pub(crate) fn narrows(&self) -> bool {
+        let narrow = |k| self.levels_after(k, 1.0) < self.levels_after(k, 0.0);
+        self.smoothing == Smoothing::Bilateral && (0..self.parameters.len()).any(narrow)
     }
 
     fn update(&mut self, parameter: usize) -> Result<(), photofit_pathtrace::PathtraceError> {

@@ -115,6 +115,8 @@ fn colours_light_and_texture_are_found_again() {
     let first = r.history.first().expect("an evaluation").quality;
     let best = r.history.iter().map(|h| h.quality).fold(first, f64::max);
     assert!(best > first + 6.0, "{first} {best}");
+    let mut model = r.model;
+    assert!(model.phase_share(0.0), "filters were narrower at the end");
 }
 
 #[test]

@@ -143,6 +143,9 @@ fn stopped_fits_go_on_to_the_same_bits() {
     for reports in [2, 8] {
         let part = run(kept.clone(), &Stopping(AtomicU64::new(reports)));
         assert!(part.stopped, "after {reports} reports");
+        assert_eq!(part.size, whole.size, "on the grid that was asked for");
+        assert_eq!(part.extinction, part.model.of(0));
+        assert_eq!((part.extinction.len(), part.albedo.len()), (whole.extinction.len(), whole.albedo.len()));
     }
     let last = run(kept, &Silent);
     assert!(last.resumed > 0 && !last.stopped && last.steps == whole.steps);

@@ -115,6 +115,32 @@ fn a_lost_pit_darkens_the_map_where_it_was() {
 }
 
 #[test]
+fn maps_of_more_texels_than_pixels_move_by_corrections_of_their_start() {
+    let heavy = pitted();
+    let n = Normalised::new(&heavy).expect("an asset");
+    let dir = tempfile::tempdir().expect("a folder");
+    let kept = |resume| Checkpointing { checkpoint: Some(dir.path().into()), resume, time_limit: None };
+    // Cells of 4 x 4 texels.
+    let coarse = TracedMapsOptions { size: 16, new_map: Some(64), checkpointing: kept(false), ..options() };
+    let made = traced_maps(&heavy, &n, &flat(), &coarse, &Silent).expect("fits");
+    assert!(made.course.gained(), "{:?}", made.course.history);
+    let [pit, plate] = [[0.0, PIT - 0.1], [PIT + 0.2, 0.9]].map(|r| mean(&made.light, r));
+    println!("pit {pit:.3}, plate {plate:.3}");
+    assert!(pit < 0.9 * plate, "the pit is in shadow: {pit} of {plate}");
+    // Neighbours differ by a part of what cells differ by, where texels that move alone hold noise.
+    let texels = &made.light.images[0].texels;
+    let apart = |i: &usize| i32::from(texels[*i][1]).abs_diff(i32::from(texels[*i + 1][1]));
+    let most = (0..64 * 64 - 1).filter(|i| i % 64 != 63).map(|i| apart(&i)).max();
+    assert!(most < Some(30), "{most:?}");
+    // A correction of other maps is another fit.
+    let mut other = flat();
+    other.materials[0].base_color[1] = 0.5;
+    let again = TracedMapsOptions { checkpointing: kept(true), ..coarse };
+    let refused = traced_maps(&heavy, &n, &other, &again, &Silent).unwrap_err().to_string();
+    assert!(refused.contains("maps of the light asset"), "{refused}");
+}
+
+#[test]
 fn maps_of_two_alpha_modes_on_one_image_are_both_written() {
     // Two sheets, the right one cut out by its alpha of 1, on halves of one image.
     let heavy = pitted();

@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use photofit_fit::Silent;
 use photofit_fit::engine::surface::PositionOptimizer;
 use photofit_fit::recover_mesh::{PictureSource, RecoverMeshOptions, recover_mesh};
@@ -23,7 +23,7 @@ use crate::timing::Timing;
 /// Pictures of an asset, and pixels along the side of one.
 const VIEWS: usize = 24;
 const PIXELS: usize = 96;
-/// Steps of whole runs, one after the other from the same start: rates and levels go with the number of steps.
+/// Steps of runs, each a whole one from the same start: rates and levels go with the number of steps.
 const STEPS: [u64; 3] = [75, 150, 300];
 /// Runs whose distances are averaged.
 const SEEDS: u64 = 3;
@@ -96,7 +96,7 @@ fn runs(
         let source = PictureSource::Asset { asset, views: VIEWS, size: PIXELS };
         let found = recover_mesh(source, None, &output, &options, &Silent)?;
         seconds += found.seconds_per_iteration * found.steps as f64 / SEEDS as f64;
-        let Some([_, error]) = found.shape_error else { continue };
+        let [_, error] = found.shape_error.context("the shape of an asset is known")?;
         worst = worst.max(error.mean);
         let mesh = photofit_scene::load(&output)?.flatten().mesh;
         let [edges, thin] = parts.distances(&mesh)?;

@@ -72,7 +72,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
         }
     }
     ctx.note(format!(
-        "Medians of {STEPS} steps. Variance: the sum over all values of the variance of the gradient of one step. The loss is that of the \
+        "Medians of {STEPS} steps of Adam without filters. Variance: the sum over all values of the variance of the gradient of one step. The loss is that of the \
          suite `recover`, one picture of {TARGET_SPP} samples a pixel is fitted."
     ));
     Ok(())

@@ -52,7 +52,8 @@ impl Correction {
         self.texels.map(|n| n.div_ceil(self.side))
     }
 
-    /// Lowest and highest correction of values in a range: a factor of 16 or all of the range.
+    /// Lowest and highest correction of values in a range: all of the range, or a factor of 16, beyond which light that a shape casts
+    /// on itself is not sought.
     pub(super) fn range(&self, [low, high]: [f32; 2]) -> [f32; 2] {
         let most = if self.is_factor { 16_f32.ln() } else { high - low };
         [-most, most]
@@ -89,7 +90,8 @@ impl Correction {
         self.each(|at, four| {
             for c in 0..self.channels {
                 let by: f32 = four.iter().map(|(cell, w)| w * self.grid[cell + c]).sum();
-                let start = self.start[at + c];
+                // What is black begins at the lower end of its range: a factor of 0 is 0.
+                let start = self.start[at + c].max(low);
                 let corrected = if self.is_factor { start * by.exp() } else { start + by };
                 texels[at + c] = corrected.clamp(low, high);
             }
@@ -175,6 +177,22 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn what_is_black_answers_to_its_derivatives() {
+        let (low, mut c) = (1e-4, correction(true));
+        c.start.fill(0.0);
+        c.grid.fill(0.0);
+        let mut texels = vec![0.0; c.start.len()];
+        c.apply([low, 1.0], &mut texels);
+        assert!(texels.iter().all(|t| *t == low));
+        let mut found = vec![0.0; c.grid.len()];
+        c.apply_vjp([low, 1.0], &texels, |_| -1.0, &mut found);
+        assert!(found.iter().all(|g| *g < 0.0), "brighter is better");
+        c.grid.fill(1.0);
+        c.apply([low, 1.0], &mut texels);
+        assert!(texels.iter().all(|t| (t - low * 1.0_f32.exp()).abs() < 1e-8));
     }
 
     #[test]
