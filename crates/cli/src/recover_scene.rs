@@ -143,6 +143,7 @@ impl From<TextureSmoothing> for Smoothing {
             TextureSmoothing::Adam => Self::None,
             TextureSmoothing::Laplacian => Self::Laplacian,
             TextureSmoothing::Bilateral => Self::Bilateral,
+            TextureSmoothing::Narrowing => Self::Narrowing,
         }
     }
 }

@@ -167,8 +167,6 @@ pub(crate) fn fit(
         .option("max_depth", depth)
         .option("evaluation_spp", model.evaluation_spp)
         .digest("scene, pictures, cameras or starting values", seen);
-    let fingerprint =
-        if model.narrows() { fingerprint.option("filters of textures", "narrowing") } else { fingerprint };
     let fingerprint = if model.guidance.is_on() {
         fingerprint.option("guiding", model.guidance.report().map_or("on", |r| r.guiding.name()))
     } else {

@@ -116,6 +116,9 @@ pub(crate) enum TextureSmoothing {
     Laplacian,
     /// A filter of gradients and moments that keeps the edges of the texture as it is so far.
     Bilateral,
+    /// The same, which of textures narrows over the steps until it is gone: finds detail of about a texel to a pixel in fewer steps,
+    /// leaves more noise where many texels share a pixel.
+    Narrowing,
 }
 
 // How a fit through the path tracer goes; a doc comment would become that of the command.

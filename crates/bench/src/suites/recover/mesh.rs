@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, bail};
 use photofit_fit::Silent;
 use photofit_fit::engine::surface::PositionOptimizer;
 use photofit_fit::recover_mesh::{PictureSource, RecoverMeshOptions, recover_mesh};
@@ -73,7 +73,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     }
     ctx.note(format!(
         "{VIEWS} pictures of {PIXELS} x {PIXELS} pixels, from a ball, up to 5120 triangles; means over {SEEDS} seeds, in percent of the \
-         bounding radius. Worst: the largest of the means of the seeds. Edges: mean distance of points on edges of more than 30 degrees; thin: of points where the \
+         bounding radius. Worst: the largest of the means of the seeds. Edges: mean distance to the shape that was found, of points on edges of more than 30 degrees; thin: of points where the \
          body is thinner than {:.0}% of the radius.",
         100.0 * THIN
     ));
@@ -120,7 +120,10 @@ struct Parts {
 
 impl Parts {
     fn of(mesh: &Mesh) -> Result<Self> {
-        let radius = mesh.bounds().map_or(1.0, |(lo, hi)| 0.5 * (hi - lo).length());
+        let Some((lo, hi)) = mesh.bounds() else { bail!("a mesh without vertices") };
+        // That of the frame of the fit, which the other distances are in percent of.
+        let center = (lo + hi) * 0.5;
+        let radius = mesh.positions.iter().map(|p| (*p - center).length()).fold(0.0, f32::max);
         let mut rng = Rng::new(11, 0);
         let edges = Edges::new(&mesh.triangles, &weld_exact(&mesh.positions));
         let normal = |t: u32| {

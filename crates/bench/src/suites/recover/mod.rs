@@ -348,7 +348,7 @@ fn best<'a>(methods: &'a [Method], courses: &[Course]) -> &'a Method {
     &methods[at]
 }
 
-/// Writes what the methods found of an unknown as one sheet: the truth, the start, and every method in order. `shown` is the grey picture of values.
+/// Writes what the methods found of an unknown as one sheet: the truth, the start, and every method in order. `shown` is the picture of values.
 fn sheet(task: &Task, courses: &[Course], unknown: usize, shown: impl Fn(&[f32]) -> Image) -> Result<()> {
     let u = &task.unknowns[unknown];
     let found = courses.iter().map(|c| &c.values[unknown]);

@@ -59,7 +59,8 @@ pub(super) fn run(ctx: &mut Context) -> Result<()> {
     let courses = race(ctx, &mut task, &methods, &LOOKS)?;
     plot(ctx, &task, &methods, &courses)?;
     // The same in a third of the steps.
-    let brief = [cross.falling().narrowing(), own.falling().narrowing()];
+    let brief = [cross, own].map(|m| m.falling().narrowing());
+    let brief = brief.map(|m| Method { name: format!("{}, in a third", m.name), ..m });
     race(ctx, &mut task, &brief, &LOOKS[..4])?;
     let ends = task.ends()?;
     sheet(&task, &courses, 0, |v| Image::from_fn(TEXELS, TEXELS, 3, |x, y, _| v[y * TEXELS + x]))?;

@@ -7,7 +7,7 @@ pub(super) enum Motion {
     Values,
     /// Their logarithms.
     Logarithms(Vec<f32>),
-    /// Corrections of a texture, the same in neighbouring texels but for a linear change.
+    /// Corrections of a texture, bilinear between the centres of cells.
     Correction(Correction),
 }
 
@@ -26,7 +26,7 @@ pub(super) struct Correction {
     pub(super) grid: Vec<f32>,
 }
 
-/// Two neighbours of a place along an axis, and the share of the second.
+/// The two cells that a place along an axis is between, with their weights.
 type Between = [(usize, f32); 2];
 
 impl Correction {
@@ -52,10 +52,9 @@ impl Correction {
         self.texels.map(|n| n.div_ceil(self.side))
     }
 
-    /// Lowest and highest correction of values in a range: all of the range, or a factor of 16, beyond which light that a shape casts
-    /// on itself is not sought.
+    /// Lowest and highest correction of values in a range: from one end to the other.
     pub(super) fn range(&self, [low, high]: [f32; 2]) -> [f32; 2] {
-        let most = if self.is_factor { 16_f32.ln() } else { high - low };
+        let most = if self.is_factor { (high / low.max(1e-6)).ln() } else { high - low };
         [-most, most]
     }
 
