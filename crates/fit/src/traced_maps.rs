@@ -25,6 +25,9 @@ use photofit_scene::{MapKind, Scene, TextureImage};
 /// Least reflectance: what is black sends no light that could tell that it should be brighter.
 const FAINT: f32 = 1e-4;
 
+/// Texels along the side of a pixel's square from which textures move by corrections.
+const MANY: usize = 4;
+
 /// Options of [`traced_maps`].
 #[derive(Clone, Debug)]
 pub struct TracedMapsOptions {
@@ -141,7 +144,7 @@ pub fn traced_maps(
     for (k, map) in maps.iter().enumerate() {
         let image = &light.images[map.image];
         let side = image.width.max(image.height).div_ceil(options.size).next_power_of_two();
-        if side > 1 {
+        if side >= MANY {
             model.correct(k, side, map.kind == MapKind::BaseColor);
         }
     }
