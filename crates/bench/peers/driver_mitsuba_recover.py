@@ -14,7 +14,7 @@ FOLDER = ROOT / "out" / "bench" / "recover-steps"
 #: Samples of the picture and of the gradient of Mitsuba's steps; ours must reach the variance of the first.
 SAMPLES = [(16, 1), (8, 4), (4, 4)]
 STEPS = 24
-# Scene, its values (of our files, of Mitsuba's keys, of the suite's figures), and Mitsuba's integrator and max_depth, which counts one more than ours.
+# Scene, its values (their name, what Mitsuba's key ends in, the suite's figure), and Mitsuba's integrator and max_depth, which counts one more than ours.
 SCENES = [
     ("plate", [("plate", ".alpha.data", "variance")], "prb", 4),
     ("cloud", [("density", "sigma_t.data", "variance"), ("albedo", "albedo.data", "variance of albedo")], "prbvolpath", 16),
@@ -67,7 +67,7 @@ def table():
         for state in STATES:
             runs = [theirs(mi, dr, name, state, values, kind, depth, samples) for samples in SAMPLES]
             gradients, other = runs[0]
-            for k, (file, _, figure) in enumerate(values):
+            for k, (value, _, figure) in enumerate(values):
                 # The least variance times time of Mitsuba by any of its samples.
                 products = [float(found[k].var(0, ddof=1).sum()) * each for found, each in runs]
                 found = gradients[k]
@@ -78,7 +78,8 @@ def table():
                     if method != f"{name}, {state}":
                         continue
                     ratio, each = row["figures"][figure] / variance, row["seconds"]
-                    rows.append([f"{file}, {state}", case, ratio, each, other, each / other, ratio * each / other, ratio * each / other / best, at])
+                    product = ratio * each / other
+                    rows.append([f"{value}, {state}", case, ratio, each, other, each / other, product, product / best, at])
                     print(rows[-1], flush=True)
     head = [
         "values", "ours: picture + gradient", "variance, ours / Mitsuba", "ours: CPU s", "Mitsuba: CPU s", "time, ours / Mitsuba",

@@ -191,6 +191,11 @@ pub fn recover_volume(
     let mut chain = FitChain::new(&options.checkpointing, progress);
     let (told, not_finite) = (Mutex::default(), NotFinite::default());
     let _told = not_finite.told_at_the_end(progress);
+    let model_of = |grid: &Grid| -> Result<Traced, FitError> {
+        let mut model = grid.model(surroundings, &bounds, options, [first.width, first.height])?;
+        model.not_finite = not_finite.clone();
+        Ok(model)
+    };
     for (level, side) in longest.iter().enumerate() {
         grid = grid.resampled(size_of(&bounds, *side));
         let done = chain.steps();
@@ -199,8 +204,7 @@ pub fn recover_volume(
         let name = format!("{x} x {y} x {z} voxels");
         let shown = OfPart { progress, done, steps: options.steps, name, told: &told };
         let r = chain.fit(1, &shown, |checkpointing| {
-            let mut model = grid.model(surroundings, &bounds, options, [first.width, first.height])?;
-            model.not_finite = not_finite.clone();
+            let model = model_of(&grid)?;
             let (rate, seed, checkpointing) = (options.rate, options.seed, checkpointing.clone());
             let own = RecoverSceneOptions { steps: end - done, rate, seed, checkpointing };
             recover_scene::fit(model, views, pictures, &own, &shown)
@@ -230,8 +234,7 @@ pub fn recover_volume(
                     "the fit ended on a grid of {x} x {y} x {z} voxels, of which the course tells; the result has {a} x {b} x {c}, interpolated linearly"
                 ));
                 grid = grid.resampled(whole);
-                model = grid.model(surroundings, &bounds, options, [first.width, first.height])?;
-                model.not_finite = not_finite.clone();
+                model = model_of(&grid)?;
             }
             return Ok(RecoveredVolume {
                 size: grid.size,

@@ -213,12 +213,12 @@ impl Traced {
     /// If their number is another one.
     pub fn replace(&mut self, parameter: usize, values: &[f32]) -> Result<(), FitError> {
         self.values[parameter].copy_from_slice(values);
-        if let Motion::Correction(c) = &self.motions[parameter] {
-            let (is_factor, side) = (c.is_factor(), c.side());
-            self.correct(parameter, side, is_factor);
-        }
-        if let Motion::Logarithms(logarithms) = &mut self.motions[parameter] {
-            logarithms.iter_mut().zip(values).for_each(|(l, v)| *l = v.ln());
+        match &mut self.motions[parameter] {
+            Motion::Values => {}
+            Motion::Logarithms(logarithms) => {
+                logarithms.iter_mut().zip(values).for_each(|(l, v)| *l = v.ln());
+            }
+            Motion::Correction(c) => c.restart(values),
         }
         Ok(self.update(parameter)?)
     }

@@ -37,14 +37,10 @@ impl Correction {
         Self { texels, channels, side, is_factor, start, grid: vec![0.0; cells * channels] }
     }
 
-    /// Texels along the side of a cell.
-    pub(super) fn side(&self) -> usize {
-        self.side
-    }
-
-    /// Whether texels are multiplied.
-    pub(super) fn is_factor(&self) -> bool {
-        self.is_factor
+    /// Begins anew from other texels.
+    pub(super) fn restart(&mut self, texels: &[f32]) {
+        self.start.copy_from_slice(texels);
+        self.grid.fill(0.0);
     }
 
     /// Columns and rows of cells.
