@@ -15,6 +15,7 @@ mod material;
 mod metrics;
 mod mips;
 mod optim;
+mod path_gradients;
 mod pathtrace;
 mod raster;
 mod rays;
@@ -101,9 +102,19 @@ pub(crate) const SUITES: &[Suite] = &[
         run: second_order::run,
     },
     Suite {
+        name: "path-gradients",
+        about: "gradients by path replay, error against time by kind of parameter",
+        run: path_gradients::run,
+    },
+    Suite {
         name: "recover",
         about: "textures and volumes through the path tracer, error of parameters and pictures against time",
         run: recover::run,
+    },
+    Suite {
+        name: "recover-samples",
+        about: "a volume from steps of few and of many samples, error of parameters and pictures against time",
+        run: recover::cloud::samples,
     },
     Suite {
         name: "recover-steps",

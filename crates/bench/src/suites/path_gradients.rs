@@ -1,0 +1,275 @@
+//! Gradients by path replay: their error against time for each kind of parameter, each in a pass of its own.
+
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use glam::{DAffine3, DVec3, Vec3};
+use photofit_geometry::shapes;
+use photofit_image::Image;
+use photofit_pathtrace::{
+    Adjoint, EnvironmentMap, Field, GradientSamples, LightSource, Material, MaterialValue, MediumRef,
+    MediumValue, Parameter, Parts, RenderOptions, Shape, View, Volume, World,
+};
+use photofit_sampling::{hash, unit_f32};
+use photofit_scalar::{Vec3f, vec3};
+use photofit_scene::{
+    Camera, Instance, MapKind, Material as SceneMaterial, Primitive, Scene, TextureImage, TextureSlot,
+};
+use photofit_shading::bsdf::{Bsdf, Diffuse, Null};
+
+use crate::context::Context;
+use crate::plot::Axis;
+use crate::timing::Timing;
+
+const SIDE: usize = 32;
+/// Samples per pixel of the estimates, and of what they are compared with, which is made of eight independent parts.
+const SAMPLES: [u32; 4] = [1, 4, 16, 64];
+const TRUE_SAMPLES: u32 = 4096;
+const PARTS: u64 = 8;
+/// Estimates of each row.
+const ESTIMATES: u64 = 8;
+/// Texels along a side of a map.
+const TEXELS: usize = 32;
+const VOXELS: usize = 12;
+
+/// A parameter, and which channels of its gradient are meant.
+struct Kind {
+    name: &'static str,
+    parameter: Parameter,
+    channels: std::ops::Range<usize>,
+}
+
+/// A scene with parameters.
+struct Case {
+    name: &'static str,
+    world: World,
+    view: View,
+    kinds: Vec<Kind>,
+}
+
+pub(crate) fn run(ctx: &mut Context) -> Result<()> {
+    for case in [surfaces()?, body()?, cloud()?] {
+        case.run(ctx)?;
+    }
+    ctx.note(format!(
+        "The gradient of a sum of pixels with weights between .5 and 1.5, pictures of {SIDE} x {SIDE} pixels, up to eight events a path. \
+         Error: root mean square distance of {ESTIMATES} estimates from the mean of {TRUE_SAMPLES} samples a pixel, relative to the length of \
+         that, less what noise of the latter makes of it; floor: that noise. Exponent: of the error over the samples, from {} to {} a pixel, -.5 for \
+         independent samples, less for stratified ones, and near 0 where there is a bias. Time: one estimate.",
+        SAMPLES[0],
+        SAMPLES[SAMPLES.len() - 1]
+    ));
+    Ok(())
+}
+
+impl Case {
+    fn run(&self, ctx: &mut Context) -> Result<()> {
+        let mut curves = Vec::new();
+        for kind in &self.kinds {
+            let parts = (0..PARTS)
+                .map(|part| self.gradient(kind, TRUE_SAMPLES / PARTS as u32, hash(1, 0, part)))
+                .collect::<Result<Vec<_>>>()?;
+            let (truth, noise) = mean(&parts);
+            let length = truth.iter().map(|t| t * t).sum::<f64>();
+            let (mut curve, mut first) = (Vec::new(), None);
+            for spp in SAMPLES {
+                let (mut seconds, mut squares) = (Vec::new(), 0.0);
+                for estimate in 0..=ESTIMATES {
+                    let began = Instant::now();
+                    let found = self.gradient(kind, spp, hash(2, u64::from(spp), estimate))?;
+                    // The first warms caches alone.
+                    if estimate > 0 {
+                        seconds.push(began.elapsed().as_secs_f64());
+                        let off = found.iter().zip(&truth).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+                        squares += (off - noise).max(0.0) / ESTIMATES as f64;
+                    }
+                }
+                let (timing, error) = (Timing::of(seconds), (squares / length).sqrt());
+                let mut figures = vec![("error", error)];
+                let (from, start) = *first.get_or_insert((spp, error));
+                if spp > from {
+                    figures
+                        .push(("exponent", (error / start).ln() / (f64::from(spp) / f64::from(from)).ln()));
+                }
+                figures.push(("floor", (noise / length).sqrt()));
+                curve.push((timing.median, error));
+                ctx.record(
+                    kind.name,
+                    &format!("{}, {spp} samples", self.name),
+                    spp as usize,
+                    timing,
+                    figures,
+                );
+            }
+            curves.push((kind.name.to_owned(), curve));
+        }
+        let title = format!("{}: error of gradients against time", self.name);
+        ctx.plot(
+            &self.name.replace(' ', "-"),
+            &title,
+            [Axis("seconds of an estimate"), Axis("relative error")],
+            &curves,
+        )
+    }
+
+    /// One estimate of the gradient of a kind.
+    fn gradient(&self, kind: &Kind, spp: u32, seed: u64) -> Result<Vec<f64>> {
+        let mut options = RenderOptions { width: SIDE, height: SIDE, spp, ..RenderOptions::default() };
+        options.path.max_depth = 8;
+        let weights = Image::from_fn(SIDE, SIDE, 3, |x, y, c| 0.5 + noise((y * SIDE + x) as u64, c as u64));
+        let adjoint = Adjoint::new(&self.world, &self.view, options, std::slice::from_ref(&kind.parameter))?;
+        let found = adjoint.render_vjp(&weights, GradientSamples { spp, seed: Some(seed) })?;
+        let of = &found.parameters[0];
+        Ok(of.values.chunks_exact(of.channels).flat_map(|v| &v[kind.channels.clone()]).copied().collect())
+    }
+}
+
+/// Mean of independent estimates, and its variance, summed over all values.
+fn mean(estimates: &[Vec<f64>]) -> (Vec<f64>, f64) {
+    let n = estimates.len() as f64;
+    let at = |i: usize| estimates.iter().map(|e| e[i]).sum::<f64>() / n;
+    let mean: Vec<f64> = (0..estimates[0].len()).map(at).collect();
+    let squares =
+        estimates.iter().flat_map(|e| e.iter().zip(&mean)).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+    (mean, squares / (n * (n - 1.0)))
+}
+
+/// A number in [0, 1) for two keys.
+fn noise(a: u64, b: u64) -> f32 {
+    unit_f32((hash(0x9a7d, a, b) >> 32) as u32)
+}
+
+fn looking(eye: [f32; 3]) -> View {
+    View::pinhole(&Camera::look_at(eye.into(), Vec3::ZERO, Vec3::Y, 0.7, 1.0, 0.1, 20.0))
+}
+
+/// A sky with windows.
+fn sky() -> EnvironmentMap {
+    EnvironmentMap::new(Image::from_fn(16, 8, 3, |x, y, c| {
+        0.3 + 0.1 * c as f32 + if y < 4 && x % 8 < 3 { 2.0 } else { 0.0 }
+    }))
+}
+
+/// A map of random texels in a range, smooth over four of them.
+fn map(key: u64, low: f32, high: f32) -> TextureImage {
+    let texel = |i: usize| {
+        let patch = (i / TEXELS / 4 * TEXELS + i % TEXELS / 4) as u64;
+        let value = |c: u64| ((low + (high - low) * noise(patch, 4 * key + c)) * 255.0).round() as u8;
+        [value(0), value(1), value(2), 255]
+    };
+    let texels = (0..TEXELS * TEXELS).map(texel).collect();
+    TextureImage { width: TEXELS, height: TEXELS, texels, ..Default::default() }
+}
+
+/// A ball with four maps on a floor, a lamp, a point light, a sky.
+fn surfaces() -> Result<Case> {
+    let slot = |image| Some(TextureSlot::new(image));
+    let mut normals = map(3, 0.4, 0.6);
+    normals.texels.iter_mut().for_each(|t| t[2] = 240);
+    let mapped = SceneMaterial {
+        emissive: [0.4, 0.3, 0.5],
+        base_color_texture: slot(0),
+        metallic_roughness_texture: slot(1),
+        emissive_texture: slot(2),
+        normal_texture: slot(3),
+        ..SceneMaterial::default()
+    };
+    let lamp = SceneMaterial { emissive: [6.0, 5.0, 4.0], ..SceneMaterial::clay() };
+    let (x, z) = (vec3(1.0, 0.0, 0.0), vec3(0.0, 0.0, 1.0));
+    let floor = shapes::parallelogram(vec3(-4.0, -1.0, -4.0), z * 8.0, x * 8.0);
+    let ceiling = shapes::parallelogram(vec3(-0.5, 2.5, -0.5), x, z);
+    let meshes = [shapes::uv_sphere(48, 24), floor, ceiling];
+    let scene = Scene {
+        primitives: meshes
+            .into_iter()
+            .enumerate()
+            .map(|(material, mesh)| Primitive { mesh, material })
+            .collect(),
+        instances: (0..3).map(|primitive| Instance { primitive, transform: Default::default() }).collect(),
+        materials: vec![mapped, SceneMaterial::clay(), lamp],
+        images: vec![map(0, 0.3, 0.9), map(1, 0.3, 0.9), map(2, 0.2, 0.8), normals],
+        ..Scene::default()
+    };
+    let mut parts = Parts::from_scene(&scene);
+    let position = DVec3::new(1.5, 2.0, 2.0);
+    parts.lights.push(LightSource::Point { position, intensity: vec3(4.0, 5.0, 6.0) });
+    parts.environment = Some(sky());
+    let world = World::new(parts)?;
+    let texels = |map| -> Result<Parameter> {
+        let texture = world.library().and_then(|l| l.texture_of(0, map)).context("no such map")?;
+        Ok(Parameter::Texels { texture })
+    };
+    let lamp = Parameter::Material { materials: vec![2], value: MaterialValue::Emissive };
+    let kind = |name, parameter, channels| Kind { name, parameter, channels };
+    let kinds = vec![
+        kind("base colour texels", texels(MapKind::BaseColor)?, 0..3),
+        kind("roughness texels", texels(MapKind::MetallicRoughness)?, 1..2),
+        kind("metalness texels", texels(MapKind::MetallicRoughness)?, 2..3),
+        kind("normal texels", texels(MapKind::Normal)?, 0..2),
+        kind("emission texels", texels(MapKind::Emissive)?, 0..3),
+        kind("radiance of a lamp", lamp, 0..3),
+        kind("intensity of a point light", Parameter::Light { light: 0 }, 0..3),
+        kind("environment texels", Parameter::Environment, 0..3),
+    ];
+    Ok(Case { name: "surfaces", world, view: looking([0.0, 0.9, 3.6]), kinds })
+}
+
+/// A clear body that absorbs, around a ball.
+fn body() -> Result<Case> {
+    let mut parts = Parts::default();
+    let clear = Material { absorption: vec3(0.3, 0.6, 0.9), solid: true, ..Material::new(Bsdf::Null(Null)) };
+    parts.add(Shape::Sphere { center: Vec3f::zero(), radius: 1.0 }, clear);
+    let ball = Bsdf::Diffuse(Diffuse { reflectance: vec3(0.8, 0.7, 0.6) });
+    parts.add(Shape::Sphere { center: Vec3f::zero(), radius: 0.5 }, Material::new(ball));
+    let direction = vec3(0.3, 0.5, 1.0);
+    parts.lights.push(LightSource::Directional { direction, irradiance: Vec3f::splat(2.0) });
+    parts.environment = Some(sky());
+    let of = |material, value| Parameter::Material { materials: vec![material], value };
+    let kinds = vec![
+        Kind { name: "absorption", parameter: of(0, MaterialValue::Absorption), channels: 0..3 },
+        Kind { name: "reflectance", parameter: of(1, MaterialValue::Reflectance), channels: 0..3 },
+        Kind { name: "irradiance of a sun", parameter: Parameter::Light { light: 0 }, channels: 0..3 },
+    ];
+    Ok(Case { name: "clear body", world: World::new(parts)?, view: looking([0.0, 0.5, 3.0]), kinds })
+}
+
+/// A cloud that scatters and glows.
+fn cloud() -> Result<Case> {
+    let count = VOXELS.pow(3);
+    let size = [VOXELS; 3];
+    let color = |key: u64, i: usize, low: f32| {
+        Vec3f::from_array([0, 1, 2].map(|c| low + (1.0 - low) * noise(i as u64, key + c)))
+    };
+    let transform = DAffine3::from_translation(DVec3::splat(-1.0)) * DAffine3::from_scale(DVec3::splat(2.0));
+    let volume = Volume {
+        size,
+        density: (0..count).map(|i| noise(i as u64, 20)).collect(),
+        scale: 3.0,
+        albedo: Vec3f::splat(1.0),
+        albedos: (0..count).map(|i| color(21, i, 0.3)).collect(),
+        g: 0.3,
+        emission: Some(Field {
+            size,
+            values: (0..count).map(|i| color(24, i, 0.0) * 0.5).collect(),
+            transform,
+        }),
+        transform,
+    };
+    let direction = vec3(0.3, 1.0, 0.4);
+    let world = World::new(Parts {
+        environment: Some(sky()),
+        volumes: vec![volume],
+        lights: vec![LightSource::Directional { direction, irradiance: Vec3f::splat(4.0) }],
+        ..Parts::default()
+    })?;
+    let kind = |name, value, channels| {
+        let parameter = Parameter::Medium { medium: MediumRef::Volume(0), value };
+        Kind { name, parameter, channels }
+    };
+    let kinds = vec![
+        kind("extinction of voxels", MediumValue::Extinction, 0..1),
+        kind("albedo of voxels", MediumValue::Albedo, 0..3),
+        kind("emission of voxels", MediumValue::Emission, 0..3),
+    ];
+    Ok(Case { name: "cloud", world, view: looking([0.8, 1.2, 3.4]), kinds })
+}
