@@ -11,6 +11,7 @@
 
 mod context;
 mod plot;
+mod points;
 mod suites;
 mod timing;
 

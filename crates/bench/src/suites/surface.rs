@@ -19,6 +19,7 @@ use photofit_scalar::Vec3f;
 use std::path::Path;
 
 use crate::context::Context;
+use crate::points::{area, chosen, on_triangle};
 
 /// Size of the pictures.
 const SIZE: (usize, usize) = (480, 360);
@@ -146,28 +147,11 @@ fn color(p: Vec3f) -> Vec3f {
 /// Points spread evenly over the object, and twice as many over the wall.
 fn sampled(mesh: &Mesh, wall_from: usize, points: usize) -> Result<Cloud> {
     let mut rng = Rng::new(17, points as u64);
+    let triangles: Vec<[Vec3f; 3]> = (0..mesh.triangles.len()).map(|t| mesh.corners(t)).collect();
     let mut positions = Vec::with_capacity(3 * points);
-    let mut take = |triangles: std::ops::Range<usize>, count: usize| {
-        let mut total = 0.0_f64;
-        let sums: Vec<f64> = triangles
-            .clone()
-            .map(|t| {
-                let [a, b, c] = mesh.corners(t);
-                total += 0.5 * f64::from((b - a).cross(c - a).length());
-                total
-            })
-            .collect();
-        for _ in 0..count {
-            let at = rng.next_f64() * total;
-            let t = triangles.start + sums.partition_point(|s| *s < at).min(sums.len() - 1);
-            let [a, b, c] = mesh.corners(t);
-            let (u, v) = (rng.next_f32(), rng.next_f32());
-            let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
-            positions.push(a + (b - a) * u + (c - a) * v);
-        }
-    };
-    take(0..wall_from, points);
-    take(wall_from..mesh.triangles.len(), 2 * points);
+    for (part, count) in [(&triangles[..wall_from], points), (&triangles[wall_from..], 2 * points)] {
+        positions.extend(chosen(part, |t| area(*t), count, &mut rng, on_triangle));
+    }
     let colors = positions.iter().map(|p| color(*p)).collect();
     Ok(Cloud::new(positions, vec![], colors)?)
 }

@@ -75,7 +75,7 @@ impl Subject {
         }
         if let Some(word) = GEOMETRY.iter().find(|w| name.rsplit('.').any(|part| part == **w)) {
             bail!(
-                "{file}: {name}: {word} moves edges, whose derivatives the path tracer does not see; \
+                "{file}: {name}: a change of {word} moves edges, whose derivatives the path tracer does not see; \
              it must be a parameter of --list (shapes are fitted through the rasterizer)"
             );
         }

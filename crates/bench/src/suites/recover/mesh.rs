@@ -18,6 +18,7 @@ use photofit_scene::{Instance, Material, Primitive, Scene};
 
 use crate::context::Context;
 use crate::plot::Axis;
+use crate::points::{area, chosen, on_triangle};
 use crate::timing::Timing;
 
 /// Pictures of an asset, and pixels along the side of one.
@@ -142,15 +143,13 @@ impl Parts {
             })
             .collect();
         let lengths = |e: &[Vec3f; 2]| f64::from((e[1] - e[0]).length());
-        let along = chosen(&creases, lengths, &mut rng, |[a, b], rng| a + (b - a) * rng.next_f32());
+        let along = chosen(&creases, lengths, POINTS, &mut rng, |[a, b], rng| a + (b - a) * rng.next_f32());
         let accel = Accel::build(&mesh.positions, &mesh.triangles)?;
         let faces: Vec<[Vec3f; 3]> = (0..mesh.triangles.len()).map(|t| mesh.corners(t)).collect();
-        let area = |[a, b, c]: &[Vec3f; 3]| f64::from((*b - *a).cross(*c - *a).length());
-        let inside = chosen(&faces, area, &mut rng, |[a, b, c], rng| {
-            let (u, v) = (rng.next_f32(), rng.next_f32());
-            let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+        let area = |t: &[Vec3f; 3]| area(*t);
+        let inside = chosen(&faces, area, POINTS, &mut rng, |[a, b, c], rng| {
             let inward = (c - a).cross(b - a).normalize_or_zero();
-            let p = a + (b - a) * u + (c - a) * v;
+            let p = on_triangle([a, b, c], rng);
             let ray = Ray::new(p, inward).within(1e-4 * radius, THIN * radius);
             accel.occluded(&ray).then_some(p)
         });
@@ -169,31 +168,6 @@ impl Parts {
         };
         Ok([mean(&self.edges), mean(&self.thin)])
     }
-}
-
-/// Points on items chosen in proportion to their size; none where there is no item.
-fn chosen<I: Copy, P>(
-    items: &[I],
-    size: impl Fn(&I) -> f64,
-    rng: &mut Rng,
-    mut point: impl FnMut(I, &mut Rng) -> P,
-) -> Vec<P> {
-    let mut total = 0.0;
-    let sums: Vec<f64> = items
-        .iter()
-        .map(|i| {
-            total += size(i);
-            total
-        })
-        .collect();
-    let count = if total > 0.0 { POINTS } else { 0 };
-    (0..count)
-        .map(|_| {
-            let at = rng.next_f64() * total;
-            let k = sums.partition_point(|s| *s < at).min(items.len() - 1);
-            point(items[k], rng)
-        })
-        .collect()
 }
 
 /// A ball with nine thin spikes.
