@@ -1,9 +1,9 @@
-//! Random points on edges and triangles.
+//! Random points, uniform over edges or triangles.
 
 use photofit_sampling::Rng;
 use photofit_scalar::Vec3f;
 
-/// Points on items chosen in proportion to their size; none where no item has any.
+/// Points of items that are drawn with probabilities proportional to their sizes; none where all sizes are 0.
 pub(crate) fn chosen<I: Copy, P>(
     items: &[I],
     size: impl Fn(&I) -> f64,
@@ -29,7 +29,7 @@ pub(crate) fn chosen<I: Copy, P>(
         .collect()
 }
 
-/// A point of a triangle, all alike likely.
+/// A point, uniformly distributed over a triangle.
 pub(crate) fn on_triangle([a, b, c]: [Vec3f; 3], rng: &mut Rng) -> Vec3f {
     let (u, v) = (rng.next_f32(), rng.next_f32());
     let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };

@@ -141,15 +141,12 @@ pub fn traced_maps(
     let parameters = maps.iter().map(|m| m.parameter(&light)).collect();
     let mut model = model(world, parameters, options)?;
     model.not_finite = n.not_finite.clone();
-    let sides: Vec<usize> = maps
-        .iter()
-        .map(|map| {
-            let image = &light.images[map.image];
-            image.width.max(image.height).div_ceil(options.size).next_power_of_two()
-        })
-        .collect();
-    for (k, (map, side)) in maps.iter().zip(&sides).enumerate().filter(|(_, (_, side))| **side >= MANY) {
-        model.correct(k, *side, map.kind == MapKind::BaseColor);
+    for (k, map) in maps.iter().enumerate() {
+        let image = &light.images[map.image];
+        let side = image.width.max(image.height).div_ceil(options.size).next_power_of_two();
+        if side >= MANY {
+            model.correct(k, side, map.kind == MapKind::BaseColor);
+        }
     }
     let starts: Vec<Vec<f32>> = (0..maps.len()).map(|k| model.of(k).to_vec()).collect();
     let target =
@@ -189,7 +186,7 @@ pub fn traced_maps(
         map.write(&starts[k], trained.model.of(k), &mut light.images[map.image], &mut moved[map.image]);
     }
     let stopped = trained.stopped || progress.is_cancelled();
-    let items = items((&maps, &sides), trained.steps > 0, loss, held_out.noise);
+    let items = items(&maps, &trained.model, trained.steps > 0, loss, held_out.noise);
     let plan = PlanRows { items, ..plan }.ended(trained.reached());
     let course = MapsCourse { history: trained.history, steps: trained.steps, stopped, plan };
     Ok(TracedMaps { light, course })
@@ -259,16 +256,15 @@ fn fingerprint(o: &TracedMapsOptions, light: &Scene) -> Fingerprint {
         .digest("maps of the light asset", maps)
 }
 
-/// The rows of the plan; maps are given with the sides of their cells.
-fn items((maps, sides): (&[Map], &[usize]), steps: bool, loss: PictureLoss, noise: Option<f64>) -> Vec<Item> {
+/// The rows of the plan.
+fn items(maps: &[Map], model: &Traced, steps: bool, loss: PictureLoss, noise: Option<f64>) -> Vec<Item> {
     let row = |what, kind| {
-        let of = || maps.iter().zip(sides).filter(|(m, _)| m.kind == kind).map(|(_, side)| *side);
-        let count = of().count();
+        let of: Vec<usize> = (0..maps.len()).filter(|k| maps[*k].kind == kind).collect();
+        let count = of.len();
         let mut why = format!("{count} maps, by path replay");
-        if let Some(most) = of().filter(|side| *side >= MANY).max() {
-            why += &format!(
-                ", moved in cells of up to {most} x {most} texels: the pictures do not resolve single ones"
-            );
+        let cells: Vec<usize> = of.iter().filter_map(|k| model.cell_of_correction(*k)).collect();
+        if let Some(most) = cells.iter().max() {
+            why += &format!(", {} of them moved in cells of up to {most} x {most} texels", cells.len());
         }
         let why_not = if steps { "no such map" } else { rows::NO_STEPS };
         Item::of(what, steps && count > 0, why, why_not)

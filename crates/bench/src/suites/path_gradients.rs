@@ -2,13 +2,13 @@
 
 use std::time::Instant;
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, ensure};
 use glam::{DAffine3, DVec3, Vec3};
 use photofit_geometry::shapes;
 use photofit_image::Image;
 use photofit_pathtrace::{
     Adjoint, EnvironmentMap, Field, GradientSamples, LightSource, Material, MaterialValue, MediumRef,
-    MediumValue, Parameter, Parts, RenderOptions, Shape, View, Volume, World,
+    MediumValue, Parameter, ParameterGradient, Parts, RenderOptions, Shape, View, Volume, World,
 };
 use photofit_sampling::{hash, unit_f32};
 use photofit_scalar::{Vec3f, vec3};
@@ -32,11 +32,17 @@ const ESTIMATES: u64 = 8;
 const TEXELS: usize = 32;
 const VOXELS: usize = 12;
 
-/// A parameter, and which channels of its gradient are meant.
+/// Parameters whose gradients one pass makes, and which channels of them are meant.
 struct Kind {
     name: &'static str,
-    parameter: Parameter,
+    parameters: Vec<Parameter>,
     channels: std::ops::Range<usize>,
+}
+
+impl Kind {
+    fn new(name: &'static str, parameter: Parameter, channels: std::ops::Range<usize>) -> Self {
+        Self { name, parameters: vec![parameter], channels }
+    }
 }
 
 /// A scene with parameters.
@@ -52,12 +58,11 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
         case.run(ctx)?;
     }
     ctx.note(format!(
-        "The gradient of a sum of pixels with weights between .5 and 1.5, pictures of {SIDE} x {SIDE} pixels, up to eight events a path. \
-         Error: root mean square distance of {ESTIMATES} estimates from the mean of {TRUE_SAMPLES} samples a pixel, relative to the length of \
-         that, less what noise of the latter makes of it; floor: that noise. Exponent: of the error over the samples, from {} to {} a pixel, -.5 for \
-         independent samples, less for stratified ones, and near 0 where there is a bias. Time: one estimate.",
-        SAMPLES[0],
-        SAMPLES[SAMPLES.len() - 1]
+        "The gradient of a sum of pixels with random weights between -.4 and 1, pictures of {SIDE} x {SIDE} pixels, up to eight events a path. \
+         Error: root mean square distance of {ESTIMATES} estimates from the mean of {TRUE_SAMPLES} samples a pixel of the same estimator, relative to \
+         the length of that, less what noise of the latter makes of it; floor: that noise. What they converge to is tested elsewhere. Exponent: \
+         slope of the error over the samples, both logarithmic, -.5 for independent samples. Time: one estimate. Roughness and metalness are \
+         channels of one map: one pass makes both."
     ));
     Ok(())
 }
@@ -65,63 +70,71 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
 impl Case {
     fn run(&self, ctx: &mut Context) -> Result<()> {
         let mut curves = Vec::new();
+        let weights = weights();
         for kind in &self.kinds {
             let parts = (0..PARTS)
-                .map(|part| self.gradient(kind, TRUE_SAMPLES / PARTS as u32, hash(1, 0, part)))
+                .map(|part| self.gradient(kind, &weights, TRUE_SAMPLES / PARTS as u32, hash(1, 0, part)))
                 .collect::<Result<Vec<_>>>()?;
-            let (truth, noise) = mean(&parts);
+            let (truth, variance) = mean(&parts);
             let length = truth.iter().map(|t| t * t).sum::<f64>();
-            let (mut curve, mut first) = (Vec::new(), None);
+            ensure!(length > 0.0, "{}: the gradient is 0", kind.name);
+            let mut curve: Vec<(f64, f64)> = Vec::new();
             for spp in SAMPLES {
                 let (mut seconds, mut squares) = (Vec::new(), 0.0);
                 for estimate in 0..=ESTIMATES {
                     let began = Instant::now();
-                    let found = self.gradient(kind, spp, hash(2, u64::from(spp), estimate))?;
+                    let found = self.gradient(kind, &weights, spp, hash(2, u64::from(spp), estimate))?;
                     // The first warms caches alone.
                     if estimate > 0 {
                         seconds.push(began.elapsed().as_secs_f64());
                         let off = found.iter().zip(&truth).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
-                        squares += (off - noise).max(0.0) / ESTIMATES as f64;
+                        squares += off / ESTIMATES as f64;
                     }
                 }
-                let (timing, error) = (Timing::of(seconds), (squares / length).sqrt());
-                let mut figures = vec![("error", error)];
-                let (from, start) = *first.get_or_insert((spp, error));
-                if spp > from {
-                    figures
-                        .push(("exponent", (error / start).ln() / (f64::from(spp) / f64::from(from)).ln()));
-                }
-                figures.push(("floor", (noise / length).sqrt()));
+                let (timing, error) = (Timing::of(seconds), ((squares - variance).max(0.0) / length).sqrt());
                 curve.push((timing.median, error));
-                ctx.record(
-                    kind.name,
-                    &format!("{}, {spp} samples", self.name),
-                    spp as usize,
-                    timing,
-                    figures,
-                );
+                let mut figures = vec![("error", error)];
+                if curve.len() == SAMPLES.len() {
+                    figures.push(("exponent", slope(&curve)));
+                }
+                figures.push(("floor", (variance / length).sqrt()));
+                let case = format!("{}, {spp} samples", self.name);
+                ctx.record(kind.name, &case, spp as usize, timing, figures);
             }
             curves.push((kind.name.to_owned(), curve));
         }
         let title = format!("{}: error of gradients against time", self.name);
-        ctx.plot(
-            &self.name.replace(' ', "-"),
-            &title,
-            [Axis("seconds of an estimate"), Axis("relative error")],
-            &curves,
-        )
+        let axes = [Axis("seconds of an estimate"), Axis("relative error")];
+        ctx.plot(&self.name.replace(' ', "-"), &title, axes, &curves)
     }
 
     /// One estimate of the gradient of a kind.
-    fn gradient(&self, kind: &Kind, spp: u32, seed: u64) -> Result<Vec<f64>> {
+    fn gradient(&self, kind: &Kind, weights: &Image, spp: u32, seed: u64) -> Result<Vec<f64>> {
         let mut options = RenderOptions { width: SIDE, height: SIDE, spp, ..RenderOptions::default() };
         options.path.max_depth = 8;
-        let weights = Image::from_fn(SIDE, SIDE, 3, |x, y, c| 0.5 + noise((y * SIDE + x) as u64, c as u64));
-        let adjoint = Adjoint::new(&self.world, &self.view, options, std::slice::from_ref(&kind.parameter))?;
-        let found = adjoint.render_vjp(&weights, GradientSamples { spp, seed: Some(seed) })?;
-        let of = &found.parameters[0];
-        Ok(of.values.chunks_exact(of.channels).flat_map(|v| &v[kind.channels.clone()]).copied().collect())
+        let adjoint = Adjoint::new(&self.world, &self.view, options, &kind.parameters)?;
+        let found = adjoint.render_vjp(weights, GradientSamples { spp, seed: Some(seed) })?;
+        ensure!(found.not_finite == 0, "{}: {} contributions are not finite", kind.name, found.not_finite);
+        let channels = |of: &ParameterGradient| -> Vec<f64> {
+            let meant = kind.channels.start..kind.channels.end.min(of.channels);
+            of.values.chunks_exact(of.channels).flat_map(|v| &v[meant.clone()]).copied().collect()
+        };
+        Ok(found.parameters.iter().flat_map(channels).collect())
     }
+}
+
+/// Random weights of both signs, which favour one.
+fn weights() -> Image {
+    Image::from_fn(SIDE, SIDE, 3, |x, y, c| 1.4 * random((y * SIDE + x) as u64, c as u64) - 0.4)
+}
+
+/// Slope of the logarithms of errors over those of [`SAMPLES`], by least squares.
+fn slope(curve: &[(f64, f64)]) -> f64 {
+    let points: Vec<[f64; 2]> =
+        SAMPLES.iter().zip(curve).map(|(n, (_, error))| [f64::from(*n).ln(), error.ln()]).collect();
+    let middle = [0, 1].map(|i| points.iter().map(|p| p[i]).sum::<f64>() / points.len() as f64);
+    let product = |i: usize| points.iter().map(|p| (p[0] - middle[0]) * (p[i] - middle[i])).sum::<f64>();
+    product(1) / product(0)
 }
 
 /// Mean of independent estimates, and its variance, summed over all values.
@@ -135,7 +148,7 @@ fn mean(estimates: &[Vec<f64>]) -> (Vec<f64>, f64) {
 }
 
 /// A number in [0, 1) for two keys.
-fn noise(a: u64, b: u64) -> f32 {
+fn random(a: u64, b: u64) -> f32 {
     unit_f32((hash(0x9a7d, a, b) >> 32) as u32)
 }
 
@@ -150,11 +163,11 @@ fn sky() -> EnvironmentMap {
     }))
 }
 
-/// A map of random texels in a range, smooth over four of them.
+/// A map of random values in a range, each of 4 x 4 texels.
 fn map(key: u64, low: f32, high: f32) -> TextureImage {
     let texel = |i: usize| {
         let patch = (i / TEXELS / 4 * TEXELS + i % TEXELS / 4) as u64;
-        let value = |c: u64| ((low + (high - low) * noise(patch, 4 * key + c)) * 255.0).round() as u8;
+        let value = |c: u64| ((low + (high - low) * random(patch, 4 * key + c)) * 255.0).round() as u8;
         [value(0), value(1), value(2), 255]
     };
     let texels = (0..TEXELS * TEXELS).map(texel).collect();
@@ -200,16 +213,18 @@ fn surfaces() -> Result<Case> {
         Ok(Parameter::Texels { texture })
     };
     let lamp = Parameter::Material { materials: vec![2], value: MaterialValue::Emissive };
-    let kind = |name, parameter, channels| Kind { name, parameter, channels };
+    let maps = [MapKind::BaseColor, MapKind::MetallicRoughness, MapKind::Normal, MapKind::Emissive];
+    let all = maps.into_iter().map(texels).collect::<Result<_>>()?;
     let kinds = vec![
-        kind("base colour texels", texels(MapKind::BaseColor)?, 0..3),
-        kind("roughness texels", texels(MapKind::MetallicRoughness)?, 1..2),
-        kind("metalness texels", texels(MapKind::MetallicRoughness)?, 2..3),
-        kind("normal texels", texels(MapKind::Normal)?, 0..2),
-        kind("emission texels", texels(MapKind::Emissive)?, 0..3),
-        kind("radiance of a lamp", lamp, 0..3),
-        kind("intensity of a point light", Parameter::Light { light: 0 }, 0..3),
-        kind("environment texels", Parameter::Environment, 0..3),
+        Kind { name: "all maps in one pass", parameters: all, channels: 0..3 },
+        Kind::new("base colour texels", texels(MapKind::BaseColor)?, 0..3),
+        Kind::new("roughness texels", texels(MapKind::MetallicRoughness)?, 1..2),
+        Kind::new("metalness texels", texels(MapKind::MetallicRoughness)?, 2..3),
+        Kind::new("normal texels", texels(MapKind::Normal)?, 0..2),
+        Kind::new("emission texels", texels(MapKind::Emissive)?, 0..3),
+        Kind::new("radiance of a lamp", lamp, 0..3),
+        Kind::new("intensity of a point light", Parameter::Light { light: 0 }, 0..3),
+        Kind::new("environment texels", Parameter::Environment, 0..3),
     ];
     Ok(Case { name: "surfaces", world, view: looking([0.0, 0.9, 3.6]), kinds })
 }
@@ -226,9 +241,9 @@ fn body() -> Result<Case> {
     parts.environment = Some(sky());
     let of = |material, value| Parameter::Material { materials: vec![material], value };
     let kinds = vec![
-        Kind { name: "absorption", parameter: of(0, MaterialValue::Absorption), channels: 0..3 },
-        Kind { name: "reflectance", parameter: of(1, MaterialValue::Reflectance), channels: 0..3 },
-        Kind { name: "irradiance of a sun", parameter: Parameter::Light { light: 0 }, channels: 0..3 },
+        Kind::new("absorption", of(0, MaterialValue::Absorption), 0..3),
+        Kind::new("reflectance", of(1, MaterialValue::Reflectance), 0..3),
+        Kind::new("irradiance of a sun", Parameter::Light { light: 0 }, 0..3),
     ];
     Ok(Case { name: "clear body", world: World::new(parts)?, view: looking([0.0, 0.5, 3.0]), kinds })
 }
@@ -238,12 +253,12 @@ fn cloud() -> Result<Case> {
     let count = VOXELS.pow(3);
     let size = [VOXELS; 3];
     let color = |key: u64, i: usize, low: f32| {
-        Vec3f::from_array([0, 1, 2].map(|c| low + (1.0 - low) * noise(i as u64, key + c)))
+        Vec3f::from_array([0, 1, 2].map(|c| low + (1.0 - low) * random(i as u64, key + c)))
     };
     let transform = DAffine3::from_translation(DVec3::splat(-1.0)) * DAffine3::from_scale(DVec3::splat(2.0));
     let volume = Volume {
         size,
-        density: (0..count).map(|i| noise(i as u64, 20)).collect(),
+        density: (0..count).map(|i| random(i as u64, 20)).collect(),
         scale: 3.0,
         albedo: Vec3f::splat(1.0),
         albedos: (0..count).map(|i| color(21, i, 0.3)).collect(),
@@ -264,7 +279,7 @@ fn cloud() -> Result<Case> {
     })?;
     let kind = |name, value, channels| {
         let parameter = Parameter::Medium { medium: MediumRef::Volume(0), value };
-        Kind { name, parameter, channels }
+        Kind::new(name, parameter, channels)
     };
     let kinds = vec![
         kind("extinction of voxels", MediumValue::Extinction, 0..1),

@@ -259,6 +259,14 @@ impl Traced {
         matches!(self.motions[parameter], Motion::Logarithms(_))
     }
 
+    /// Texels along the side of the cells by which a texture moves; `None` where it has no correction.
+    pub fn cell_of_correction(&self, parameter: usize) -> Option<usize> {
+        match &self.motions[parameter] {
+            Motion::Correction(c) => Some(c.side()),
+            _ => None,
+        }
+    }
+
     /// What the optimizer moves of a parameter.
     fn moving(&self, parameter: usize) -> &[f32] {
         match &self.motions[parameter] {

@@ -124,6 +124,13 @@ fn maps_of_more_texels_than_pixels_move_by_corrections_of_their_start() {
     let coarse = TracedMapsOptions { size: 16, new_map: Some(64), checkpointing: kept(false), ..options() };
     let made = traced_maps(&heavy, &n, &flat(), &coarse, &Silent).expect("fits");
     assert!(made.course.gained(), "{:?}", made.course.history);
+    let told = made
+        .course
+        .plan
+        .items
+        .iter()
+        .any(|i| i.why.contains("1 of them moved in cells of up to 4 x 4 texels"));
+    assert!(told, "{:?}", made.course.plan.items);
     let [pit, plate] = [[0.0, PIT - 0.1], [PIT + 0.2, 0.9]].map(|r| mean(&made.light, r));
     println!("pit {pit:.3}, plate {plate:.3}");
     assert!(pit < 0.9 * plate, "the pit is in shadow: {pit} of {plate}");

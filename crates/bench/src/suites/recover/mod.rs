@@ -327,7 +327,7 @@ fn race(ctx: &mut Context, task: &mut Task, methods: &[Method], looks: &[u64]) -
 
 /// Plots the courses of some methods: the loss, and the error of the first unknown.
 fn plot(ctx: &mut Context, task: &Task, methods: &[Method], courses: &[Course]) -> Result<()> {
-    let ending = task.name.replace([' ', ',', '+'], "-");
+    let ending = task.name.replace(' ', "-");
     let first = task.unknowns[0].name;
     type Of = fn(&Look) -> f64;
     for (what, of) in [("loss", (|l| l.loss) as Of), (first, |l| l.errors[0])] {

@@ -43,6 +43,11 @@ impl Correction {
         self.grid.fill(0.0);
     }
 
+    /// Texels along the side of a cell.
+    pub(super) fn side(&self) -> usize {
+        self.side
+    }
+
     /// Columns and rows of cells.
     pub(super) fn cells(&self) -> [usize; 2] {
         self.texels.map(|n| n.div_ceil(self.side))
