@@ -37,6 +37,6 @@ pub(crate) fn on_triangle([a, b, c]: [Vec3f; 3], rng: &mut Rng) -> Vec3f {
 }
 
 /// Area of a triangle.
-pub(crate) fn area([a, b, c]: [Vec3f; 3]) -> f64 {
-    0.5 * f64::from((b - a).cross(c - a).length())
+pub(crate) fn area([a, b, c]: &[Vec3f; 3]) -> f64 {
+    0.5 * f64::from((*b - *a).cross(*c - *a).length())
 }

@@ -17,6 +17,7 @@ use photofit_scene::{
 };
 use photofit_shading::bsdf::{Bsdf, Diffuse, Null};
 
+use super::pathtrace::slope;
 use crate::context::Context;
 use crate::plot::Axis;
 use crate::timing::Timing;
@@ -95,7 +96,9 @@ impl Case {
                 curve.push((timing.median, error));
                 let mut figures = vec![("error", error)];
                 if curve.len() == SAMPLES.len() {
-                    figures.push(("exponent", slope(&curve)));
+                    let logarithms =
+                        SAMPLES.iter().zip(&curve).map(|(n, (_, error))| (f64::from(*n).ln(), error.ln()));
+                    figures.push(("exponent", slope(&logarithms.collect::<Vec<_>>())));
                 }
                 figures.push(("floor", (variance / length).sqrt()));
                 let case = format!("{}, {spp} samples", self.name);
@@ -126,15 +129,6 @@ impl Case {
 /// Random weights of both signs, which favour one.
 fn weights() -> Image {
     Image::from_fn(SIDE, SIDE, 3, |x, y, c| 1.4 * random((y * SIDE + x) as u64, c as u64) - 0.4)
-}
-
-/// Slope of the logarithms of errors over those of [`SAMPLES`], by least squares.
-fn slope(curve: &[(f64, f64)]) -> f64 {
-    let points: Vec<[f64; 2]> =
-        SAMPLES.iter().zip(curve).map(|(n, (_, error))| [f64::from(*n).ln(), error.ln()]).collect();
-    let middle = [0, 1].map(|i| points.iter().map(|p| p[i]).sum::<f64>() / points.len() as f64);
-    let product = |i: usize| points.iter().map(|p| (p[0] - middle[0]) * (p[i] - middle[i])).sum::<f64>();
-    product(1) / product(0)
 }
 
 /// Mean of independent estimates, and its variance, summed over all values.

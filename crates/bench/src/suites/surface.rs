@@ -150,7 +150,7 @@ fn sampled(mesh: &Mesh, wall_from: usize, points: usize) -> Result<Cloud> {
     let triangles: Vec<[Vec3f; 3]> = (0..mesh.triangles.len()).map(|t| mesh.corners(t)).collect();
     let mut positions = Vec::with_capacity(3 * points);
     for (part, count) in [(&triangles[..wall_from], points), (&triangles[wall_from..], 2 * points)] {
-        positions.extend(chosen(part, |t| area(*t), count, &mut rng, on_triangle));
+        positions.extend(chosen(part, area, count, &mut rng, on_triangle));
     }
     let colors = positions.iter().map(|p| color(*p)).collect();
     Ok(Cloud::new(positions, vec![], colors)?)

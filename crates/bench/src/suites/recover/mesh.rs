@@ -146,7 +146,6 @@ impl Parts {
         let along = chosen(&creases, lengths, POINTS, &mut rng, |[a, b], rng| a + (b - a) * rng.next_f32());
         let accel = Accel::build(&mesh.positions, &mesh.triangles)?;
         let faces: Vec<[Vec3f; 3]> = (0..mesh.triangles.len()).map(|t| mesh.corners(t)).collect();
-        let area = |t: &[Vec3f; 3]| area(*t);
         let inside = chosen(&faces, area, POINTS, &mut rng, |[a, b, c], rng| {
             let inward = (c - a).cross(b - a).normalize_or_zero();
             let p = on_triangle([a, b, c], rng);

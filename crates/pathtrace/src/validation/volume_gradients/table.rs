@@ -64,7 +64,7 @@ fn table_of_uniform_media() {
     albedos(&[(0.0, ALL), (0.03, ALL), (0.7, ALL)], [512, 2048], 0.02);
 }
 
-/// Rows of the table are within 1%, all a little below; this one is told within .2%.
+/// Most rows of the table are a little below the differences; this one is told within .2%.
 #[test]
 #[ignore = "slow: five minutes"]
 fn extinction_of_an_even_medium_closely() {
