@@ -2,7 +2,7 @@
 
 use crate::output::bytes;
 use anyhow::{Result, bail};
-use photofit_fit::footprint::Task;
+use photofit_fit::footprint::{Task, grid};
 use photofit_scene::Scene;
 use std::path::Path;
 
@@ -45,6 +45,22 @@ pub(crate) fn check_textures(task: Task, input: &Path, assets: &[&Scene]) -> Res
         Some(room) if needed > room => bail!(
             "{}: its textures need about {} of memory; there are {}, and smaller textures must be given",
             input.display(),
+            bytes(needed),
+            bytes(room)
+        ),
+        _ => Ok(()),
+    }
+}
+
+/// Refuses a grid of so many voxels (`--size`), of each of which so many values are found, that would take more memory than there is.
+///
+/// # Errors
+/// As [`check_fit`].
+pub(crate) fn check_grid(voxels: [usize; 3], values: usize) -> Result<()> {
+    let (needed, [x, y, z]) = (grid(voxels, values), voxels);
+    match room() {
+        Some(room) if needed > room => bail!(
+            "--size: {x} x {y} x {z} voxels need about {} of memory; there are {}, and a smaller --size must be given",
             bytes(needed),
             bytes(room)
         ),

@@ -7,7 +7,7 @@ use crate::preflight::Places;
 use crate::progress::{Terminal, say};
 use crate::status::Ending;
 use crate::traced_report::{Found, course, first_and_best, judged, self_test_pictures, sheet, tell_course};
-use crate::{interrupt, threads};
+use crate::{interrupt, memory, threads};
 use anyhow::{Context, Result, anyhow, bail};
 use glam::{DAffine3, DVec3, Vec3};
 use photofit_fit::FitError;
@@ -78,6 +78,8 @@ pub(crate) fn run(a: &RecoverVolume) -> Result<Ending> {
     let seen = seen(a)?;
     let options =
         RecoverVolumeOptions { bounds: options.bounds.or(seen.truth.as_ref().map(|t| t.bounds)), ..options };
+    let voxels = options.voxels(&seen.views).map_err(|e| failed(a, e))?;
+    memory::check_grid(voxels, options.values_per_voxel())?;
     std::fs::create_dir_all(&a.output).with_context(|| a.output.display().to_string())?;
     interrupt::handle();
     let progress = Terminal::new();

@@ -1,5 +1,5 @@
-//! The memory that maps and textures of fits and drawings take at their peak, estimated before they begin. Geometry and
-//! pictures come on top.
+//! The memory that maps, textures and grids of fits and drawings take at their peak, estimated before they begin. Geometry
+//! and pictures come on top.
 //!
 //! Texels decide: maps are kept in single precision, sixteen channels each with all mip levels, by every candidate, by the
 //! gradients and by the optimizer; textures of assets in bytes, by every renderer. The bytes per texel are those that the peak
@@ -53,6 +53,16 @@ impl Task {
     }
 }
 
+/// Bytes of a grid of [`crate::recover_volume`], by voxel and by value of a voxel that is found.
+const VOXEL: u64 = 40;
+const VALUE: u64 = 60;
+
+/// Bytes of a grid of so many voxels, of each of which so many values are found.
+pub fn grid(voxels: [usize; 3], values: usize) -> u64 {
+    let count = voxels.iter().fold(1, |n: u64, side| n.saturating_mul(*side as u64));
+    count.saturating_mul(VOXEL + VALUE * values as u64)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -68,5 +78,7 @@ mod tests {
         assert_eq!(Task::Simplify.textures(&[&scene]), 36 * 4096 * 4096);
         assert_eq!(Task::Compare.textures(&[&scene, &scene]), 40 * 4096 * 4096);
         assert_eq!(Task::Render.maps(4096), 0);
+        assert_eq!(grid([64, 32, 16], 4), (VOXEL + 4 * VALUE) << 15);
+        assert_eq!(grid([usize::MAX; 3], 1), u64::MAX, "no overflow");
     }
 }

@@ -286,6 +286,19 @@ impl RecoverVolumeOptions {
         Ok(())
     }
 
+    /// Voxels along the axes of the grid that is found from these cameras.
+    ///
+    /// # Errors
+    /// As [`seen_by`], where there are no bounds.
+    pub fn voxels(&self, views: &[View]) -> Result<[usize; 3], FitError> {
+        Ok(size_of(&self.bounds.map_or_else(|| seen_by(views), Ok)?, self.size))
+    }
+
+    /// Values of each voxel that are found.
+    pub fn values_per_voxel(&self) -> usize {
+        1 + if self.albedo.is_none() { 3 } else { 0 } + if self.emission { 3 } else { 0 }
+    }
+
     /// Longest sides of the grids, coarse to fine.
     pub fn longest_sides(&self) -> Vec<usize> {
         let mut sides = vec![self.size];

@@ -322,9 +322,10 @@ fn fingerprint<M: Model>(job: &Job<'_>, model: &M, groups: usize) -> Result<Fing
         .option("pictures of a step", batch.pictures())
         .option("new pictures", batch.fresh())
         .option("steps", steps);
-    let options = options.option("loss", format!("{loss:?}")).option("sampling", format!("{sampling:?}"));
+    let options = options.option("sampling", format!("{sampling:?}"));
     let options = options.digest("what the fit starts from", digest);
-    Ok(options.digest("what its pictures show", picture))
+    // The loss mostly follows from the pictures.
+    Ok(options.digest("what its pictures show", picture).digest("the loss", loss.name()))
 }
 
 /// The error of a fit whose model fails at a step, with what remains.

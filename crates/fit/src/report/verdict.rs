@@ -22,6 +22,8 @@ pub struct Verdict {
     pub worst: Option<(usize, Quality)>,
     /// Number of views.
     pub views: usize,
+    /// Further views that the work was ended before.
+    pub unseen: usize,
     /// The best stage among those that are clearly better than the written file.
     pub better: Option<StageQuality>,
     /// What was written.
@@ -113,7 +115,9 @@ impl Verdict {
         let (too_large, textured) = (o.is_too_large(), o.asset_textured);
         let beyond = if o.judged == Judged::PathTraced { beyond_noise } else { beyond };
         let judged = Self::new(&of(k), original.as_deref().map(|original| (original, beyond)));
-        let judged = Self { too_large, traced, textured, ..judged };
+        let asked = if o.stopped { o.report_views as usize } else { 0 };
+        let unseen = asked.saturating_sub(judged.views);
+        let judged = Self { too_large, traced, textured, unseen, ..judged };
         Self { better, written, appearance, fitted, compared, cut, max_bytes, ..judged }
     }
 
@@ -140,6 +144,7 @@ impl Verdict {
             mean,
             worst,
             views,
+            unseen: 0,
             better,
             written,
             appearance,
@@ -197,6 +202,15 @@ impl Verdict {
         !self.traced && stage.name == self.written.name() && !stage.has_own_materials()
     }
 
+    /// How many views were judged, in words.
+    fn told_views(&self) -> String {
+        let seen = |word| counted(self.views, word);
+        match self.unseen {
+            0 => seen("new view"),
+            unseen => format!("{} of {} (the judgement was cut short)", seen("view"), self.views + unseen),
+        }
+    }
+
     /// What a stage is that scores better than the file.
     fn told_better(&self, stage: &StageQuality) -> String {
         let triangles = counted(stage.triangles, "triangle");
@@ -240,12 +254,11 @@ impl fmt::Display for Verdict {
         let Some((k, worst)) = &self.worst else { return write!(f, "{}", self.likeness) };
         write!(
             f,
-            "{}: PSNR {} dB, FLIP {:.4} over {} new {}; worst FLIP {:.4} ({} dB) in view {}",
+            "{}: PSNR {} dB, FLIP {:.4} over {}; worst FLIP {:.4} ({} dB) in view {}",
             self.likeness,
             self.mean.decibels(1),
             self.mean.flip,
-            self.views,
-            if self.views == 1 { "view" } else { "views" },
+            self.told_views(),
             worst.flip,
             worst.decibels(1),
             k + 1
@@ -439,6 +452,8 @@ mod tests {
         assert_eq!(beside(&[0.14, 0.12], &[0.13, 0.12]).likeness, Likeness::Same, "as the asset is drawn");
         assert_eq!(beside(&[0.14, 0.30], &[0.13, 0.12]).likeness, Likeness::Different);
         assert!(beside(&[0.14], &[0.13]).to_string().ends_with("drawn so: 27.0 dB, FLIP 0.130"));
+        let cut = Verdict { unseen: 2, ..of(&[0.02, 0.06]) }.to_string();
+        assert!(cut.contains(" over 2 views of 4 (the judgement was cut short); worst"), "{cut}");
         let text = of(&[0.02, 0.06]).to_string();
         assert_eq!(
             text,

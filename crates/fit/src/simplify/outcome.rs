@@ -64,8 +64,10 @@ pub struct Outcome {
     /// the work before the choice, and something else was written) and `file` (the written file, loaded again; absent where that is
     /// the fitted one, which no budget of bytes made smaller). The last is the written file.
     pub stages: Vec<StageQuality>,
-    /// Every view of the report.
+    /// Every view of the report; fewer than were asked for where the user ended the work.
     pub views: Vec<ReportView>,
+    /// Views that were asked for.
+    pub report_views: u64,
     /// How the pictures of the report were made.
     pub judged: Judged,
     /// Samples of their pixels, where they are path traced.
@@ -300,6 +302,7 @@ impl Outcome {
             left_out: left_out(given, file.file(), options.appearance),
             not_fitted: not_fitted.unwrap_or_default(),
             views: file.pictures,
+            report_views: options.report_views,
             judged,
             judge_spp: match judged {
                 Judged::RasterizedAgainst(reference) => reference.spp.unwrap_or(1),

@@ -96,24 +96,27 @@ impl Accumulator {
         self.sparse.shrink_to_fit();
     }
 
-    /// Adds finished tasks in order to the sums of each parameter.
-    pub(super) fn reduce(tasks: &[Self], ranges: &[Range], totals: &mut [Vec<[f64; 3]>]) {
+    /// Adds finished tasks in order to the sums of each parameter, channel by channel of every cell.
+    pub(super) fn reduce(tasks: &[Self], ranges: &[Range], totals: &mut [Vec<f64>]) {
         for (range, total) in ranges.iter().zip(totals) {
-            total.par_chunks_mut(BAND).enumerate().for_each(|(band, cells)| {
-                tasks.iter().for_each(|task| task.add_to(range.start + band * BAND, cells));
+            total.par_chunks_mut(BAND * range.channels).enumerate().for_each(|(band, sums)| {
+                let from = range.start + band * BAND;
+                tasks.iter().for_each(|task| task.add_to(from, sums, range.channels));
             });
         }
     }
 
-    /// Adds to the sums of cells from `from` on, which are all dense or none of them is.
-    fn add_to(&self, from: usize, cells: &mut [[f64; 3]]) {
-        let add = |sum: &mut [f64; 3], g: &[f64; 3]| (0..3).for_each(|c| sum[c] += g[c]);
-        if let Some(dense) = self.dense.get(from..from + cells.len()) {
-            return cells.iter_mut().zip(dense).for_each(|(sum, g)| add(sum, g));
+    /// Adds to the sums of so many channels of the cells from `from` on, which are all dense or none of them is.
+    fn add_to(&self, from: usize, sums: &mut [f64], channels: usize) {
+        let add = |sum: &mut [f64], g: &[f64; 3]| sum.iter_mut().zip(g).for_each(|(s, g)| *s += g);
+        let cells = sums.len() / channels;
+        if let Some(dense) = self.dense.get(from..from + cells) {
+            return sums.chunks_exact_mut(channels).zip(dense).for_each(|(sum, g)| add(sum, g));
         }
         let begin = self.sparse.partition_point(|e| (e.0 as usize) < from);
         for (cell, g) in &self.sparse[begin..] {
-            match cells.get_mut(*cell as usize - from) {
+            let first = (*cell as usize - from) * channels;
+            match sums.get_mut(first..first + channels) {
                 Some(sum) => add(sum, g),
                 None => return,
             }
@@ -157,9 +160,11 @@ mod tests {
     #[test]
     fn sums_are_those_of_the_order_of_arrival() {
         for (count, cells) in [(0, 1), (5000, 40), (5000, 300), (40_000, 1 << 22)] {
-            let range = |start, cells| Range { start, cells, channels: 3 };
-            let ranges = [range(0, DENSE), range(DENSE, (1 << 22) - DENSE)];
-            let mut totals = ranges.map(|r| vec![[0.0; 3]; r.cells]);
+            let whole = DENSE + 150;
+            let range = |start, cells, channels| Range { start, cells, channels };
+            let ranges =
+                [range(0, DENSE, 3), range(DENSE, whole - DENSE, 1), range(whole, (1 << 22) - whole, 3)];
+            let mut totals = ranges.map(|r| vec![0.0; r.cells * r.channels]);
             let mut expected = vec![[0.0; 3]; 1 << 22];
             let tasks: Vec<Accumulator> = (0..2)
                 .map(|task| {
@@ -178,9 +183,11 @@ mod tests {
                 })
                 .collect();
             Accumulator::reduce(&tasks, &ranges, &mut totals);
-            let total = totals.concat();
-            assert!(total == expected, "{count} gradients on {cells} cells");
-            assert_eq!(total.iter().any(|t| *t != [0.0; 3]), count > 0);
+            let of = |r: &Range| -> Vec<f64> {
+                expected[r.start..][..r.cells].iter().flat_map(|g| &g[..r.channels]).copied().collect()
+            };
+            assert!(totals == ranges.each_ref().map(of), "{count} gradients on {cells} cells");
+            assert_eq!(totals.iter().flatten().any(|t| *t != 0.0), count > 0);
         }
     }
 }

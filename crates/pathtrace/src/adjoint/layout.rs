@@ -81,10 +81,8 @@ pub(super) struct Layout {
 
 impl Layout {
     pub(super) fn new(world: &World, parameters: &[Parameter]) -> Result<Self, PathtraceError> {
-        let mut sizes = Vec::with_capacity(parameters.len());
-        for (i, p) in parameters.iter().enumerate() {
-            sizes.push(size(world, p).map_err(|rule| invalid(format!("parameter {i}"), rule))?);
-        }
+        let size = |(i, p)| size(world, i, p);
+        let sizes: Vec<(usize, usize)> = parameters.iter().enumerate().map(size).collect::<Result<_, _>>()?;
         let (mut ranges, mut start) = (vec![Range { start: 0, cells: 0, channels: 3 }; sizes.len()], 0);
         let mut dense = 0;
         for small in [true, false] {
@@ -235,8 +233,17 @@ fn users(world: &World, named: &[usize], value: MaterialValue) -> Vec<usize> {
     (0..world.given.len()).filter(|m| library.contains(&library_material(&world.given[*m]))).collect()
 }
 
+/// Cells and channels of a parameter of this number.
+pub(super) fn size(
+    world: &World,
+    number: usize,
+    parameter: &Parameter,
+) -> Result<(usize, usize), PathtraceError> {
+    size_or_rule(world, parameter).map_err(|rule| invalid(format!("parameter {number}"), rule))
+}
+
 /// Cells and channels of a parameter, or the rule that it breaks.
-fn size(world: &World, parameter: &Parameter) -> Result<(usize, usize), String> {
+fn size_or_rule(world: &World, parameter: &Parameter) -> Result<(usize, usize), String> {
     match parameter {
         Parameter::Material { materials, value } => {
             if materials.is_empty() {

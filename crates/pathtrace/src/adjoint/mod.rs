@@ -294,16 +294,14 @@ impl<'a> Adjoint<'a> {
             }
         };
         let ranges = &self.layout.ranges;
-        let mut totals: Vec<Vec<[f64; 3]>> = ranges.iter().map(|r| vec![[0.0; 3]; r.cells]).collect();
+        let mut totals: Vec<Vec<f64>> = ranges.iter().map(|r| vec![0.0; r.cells * r.channels]).collect();
         let (mut residual, mut not_finite) = (0.0_f64, 0);
         for start in (0..count).step_by(TASKS) {
             let run = |i: u64| {
                 let task = task(i);
                 let mut out = Accumulator::new(self.layout.dense);
                 let last = task.first.saturating_add(SAMPLES).min(spp);
-                // Flights through media that have parameters are not kept.
-                let kept = if self.layout.media { 0 } else { self.kept };
-                let mut replay = Replay::new(self.world, &self.layout, &mut out, kept);
+                let mut replay = Replay::new(self.world, &self.layout, &mut out, self.kept);
                 for y in task.y..(task.y + TILE).min(h) {
                     for x in task.x..(task.x + TILE).min(w) {
                         let own = loss.pixel(x, y);
@@ -328,14 +326,8 @@ impl<'a> Adjoint<'a> {
                 not_finite += task.not_finite;
             }
         }
-        // Large sums are not copied.
-        let parameter = |(r, total): (&layout::Range, Vec<[f64; 3]>)| {
-            let values = match r.channels {
-                3 => total.into_flattened(),
-                channels => total.iter().flat_map(|c| c[..channels].iter().copied()).collect(),
-            };
-            ParameterGradient { channels: r.channels, values }
-        };
+        let parameter =
+            |(r, values): (&layout::Range, Vec<f64>)| ParameterGradient { channels: r.channels, values };
         let parameters = ranges.iter().zip(totals).map(parameter).collect();
         Gradient { parameters, residual, not_finite }
     }

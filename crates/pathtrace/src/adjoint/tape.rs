@@ -4,9 +4,9 @@
 
 use super::replay::{Replay, Total};
 use super::surface::Here;
-use crate::integrator::{Contribution, PathVertex, Sink, SurfaceVisit};
+use crate::integrator::{Contribution, MediaFlight, PathVertex, ShadowFlight, Sink, SurfaceVisit};
 
-/// Reports that are kept of one path: four for every scattering event.
+/// Reports that are kept of one path: four for every scattering event, in media six.
 pub(super) const LENGTH: usize = 192;
 
 /// A report to a sink, as the replay needs it.
@@ -16,6 +16,8 @@ enum Report {
     Surface(Option<usize>),
     Absorbed(u32, f32),
     ShadowAbsorbed(u32, f32),
+    Flight(MediaFlight),
+    ShadowFlight(ShadowFlight),
     Contribution(Contribution),
     Vertex(PathVertex),
     Split,
@@ -58,13 +60,15 @@ impl Tape {
         }
     }
 
-    /// Tells `replay` the path, as a walk would, but for media.
+    /// Tells `replay` the path, as a walk would.
     pub(super) fn play(&self, replay: &mut Replay<'_>) {
         for report in &self.reports {
             match report {
                 Report::Surface(place) => replay.here = *place,
                 Report::Absorbed(material, length) => replay.absorbed(*material, *length),
                 Report::ShadowAbsorbed(material, length) => replay.shadow_absorbed(*material, *length),
+                Report::Flight(flight) => replay.flown(flight),
+                Report::ShadowFlight(flight) => replay.shadow_flight(flight),
                 Report::Contribution(light) => replay.contribution(light),
                 Report::Vertex(vertex) => replay.vertex(vertex),
                 Report::Split => replay.split(),
@@ -86,6 +90,21 @@ pub(super) struct Recorder<'a> {
 impl Sink for Recorder<'_> {
     const SURFACES: bool = true;
     const SPLITS: bool = true;
+    const MEDIA: bool = true;
+
+    #[inline(always)]
+    fn flight(&mut self, flight: &MediaFlight) {
+        if self.light.layout.media {
+            self.tape.push(Report::Flight(*flight));
+        }
+    }
+
+    #[inline(always)]
+    fn shadow_flight(&mut self, flight: &ShadowFlight) {
+        if self.light.layout.media {
+            self.tape.push(Report::ShadowFlight(*flight));
+        }
+    }
 
     #[inline(always)]
     fn splits(&self, first: &SurfaceVisit<'_>) -> u32 {

@@ -1,7 +1,7 @@
 //! The values of parameters: read, and replaced in place. What a gradient is taken with respect to is what is read here,
 //! in the same order.
 
-use super::layout::Layout;
+use super::layout::size;
 use super::parameter::{MaterialValue, Parameter, library_material};
 use crate::PathtraceError;
 use crate::error::invalid;
@@ -19,7 +19,7 @@ impl World {
     /// # Errors
     /// As [`crate::Adjoint::new`]; if materials or textures that share the parameter hold different values.
     pub fn parameter(&self, parameter: &Parameter) -> Result<Vec<f32>, PathtraceError> {
-        Layout::new(self, std::slice::from_ref(parameter))?;
+        size(self, 0, parameter)?;
         Ok(match parameter {
             Parameter::Material { materials, value } => {
                 let read = |m: &usize| self.material_value(*m, *value);
@@ -53,9 +53,8 @@ impl World {
     /// As [`crate::Adjoint::new`], if their number is another one, or a value is not valid where it stands (negative
     /// radiance, not finite).
     pub fn set_parameter(&mut self, parameter: &Parameter, values: &[f32]) -> Result<(), PathtraceError> {
-        let layout = Layout::new(self, std::slice::from_ref(parameter))?;
-        let range = layout.ranges[0];
-        let (wanted, found) = (range.cells * range.channels, values.len());
+        let (cells, channels) = size(self, 0, parameter)?;
+        let (wanted, found) = (cells * channels, values.len());
         if found != wanted {
             return Err(invalid("values", format!("are {found}; they must be {wanted}")));
         }

@@ -9,9 +9,10 @@
 //!   `T sigma_t`, with `R d sigma_t / sigma_t`: none where there is nothing yet. Distances drawn by `T` alone sample it
 //!   anywhere, with light gathered for them by a path of their own, for one flight per path, chosen by throughput and
 //!   length. Both are weighted by what adds up to 1 at each point: `sigma_t / (sigma_t + c)` and `c / (sigma_t + c)`,
-//!   with `c` one over the length of the flight's way in the medium. So no estimate is divided by a density that may be 0.
+//!   with `c` one over the length of the flight's way in the medium. So no estimate is divided by a density that may be 0,
+//!   and thin media, in which paths seldom collide, are told by distances.
+//! - *Albedo* by both likewise, where it is small with `a / (a + b)` of what collisions tell.
 //! - *Emission* at the points where the path looks it up; what dims it there is told as that of a shadow ray.
-//! - *Albedo* where it is small likewise: `a / (a + b)` of collisions, `b / (a + b)` of distances drawn by `T`.
 
 use super::layout::NONE;
 use super::replay::{Replay, offset};
@@ -65,7 +66,7 @@ impl Replay<'_> {
                 self.transmitted(medium, &along, g);
             }
             let by_density = cells.extinction != NONE && cells.scatters;
-            if flight.scatters && (by_density || (cells.albedo != NONE && cells.dark_albedo > 0.0)) {
+            if flight.scatters && (by_density || cells.albedo != NONE) {
                 self.consider(flight, medium);
             }
         }
@@ -99,12 +100,14 @@ impl Replay<'_> {
         let out = &mut *self.out;
         // What light gathered anew tells of flights that have an end is told by collisions alone of those that have none.
         let reach = derivatives.reach(&segment(flight, flight.end));
+        let [c, b] = reach.map_or([0.0; 2], |reach| [1.0 / reach, cells.dark_albedo]);
+        let sigma = derivatives.extinction(p);
         if cells.extinction != NONE {
-            let g = over(g, derivatives.extinction(p), reach.map_or(0.0, |reach| 1.0 / reach));
+            let g = over(g, sigma, c);
             derivatives.extinction_vjp(p, g, |voxel, g| out.add(offset(cells.extinction, voxel), g));
         }
         if cells.albedo != NONE {
-            let g = over(g, derivatives.albedo(p), reach.map_or(0.0, |_| cells.dark_albedo));
+            let g = over(g.mul(over(sigma, sigma, c)), derivatives.albedo(p), b);
             derivatives.albedo_vjp(p, g, |voxel, g| out.add(offset(cells.albedo, voxel), g));
         }
     }
@@ -151,15 +154,15 @@ impl Replay<'_> {
         let light = gathered::<F, D>(self.world, at, &random.branch(), options, sampler);
         let g = g.mul(light);
         let cells = *self.layout.medium(medium);
-        let (sigma, albedo) = (derivatives.extinction(p), derivatives.albedo(p));
+        let (sigma, albedo, c) = (derivatives.extinction(p), derivatives.albedo(p), 1.0 / reach);
         let out = &mut *self.out;
         if cells.extinction != NONE {
-            let c = 1.0 / reach;
             let g = over(g.mul(albedo) * c, sigma, c);
             derivatives.extinction_vjp(p, g, |voxel, g| out.add(offset(cells.extinction, voxel), g));
         }
-        if cells.albedo != NONE && cells.dark_albedo > 0.0 {
-            let g = over(g.mul(sigma) * cells.dark_albedo, albedo, cells.dark_albedo);
+        if cells.albedo != NONE {
+            let collisions = over(sigma, sigma, c).mul(over(albedo, albedo, cells.dark_albedo));
+            let g = g.mul(sigma).mul(Vec3f::splat(1.0) - collisions);
             derivatives.albedo_vjp(p, g, |voxel, g| out.add(offset(cells.albedo, voxel), g));
         }
     }

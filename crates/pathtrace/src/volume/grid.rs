@@ -269,7 +269,7 @@ impl Medium {
 }
 
 /// Whether all channels lie in [0, 1].
-fn is_share(a: &Vec3f) -> bool {
+pub(super) fn is_share(a: &Vec3f) -> bool {
     a.to_array().iter().all(|x| (0.0..=1.0).contains(x))
 }
 
@@ -296,25 +296,28 @@ pub(super) fn taps(size: [usize; 3], q: Vec3f) -> ([usize; 8], [f32; 8]) {
 
 /// The largest extinction that interpolation can give in each cell: its voxels and their neighbours.
 fn majorants(extinction: &[f32], size: [usize; 3], cells: [usize; 3]) -> Vec<f32> {
+    let most = |a: f32, b: f32| if b > a { b } else { a };
     let range = |c: usize, n: usize| (c * BLOCK).saturating_sub(1)..((c + 1) * BLOCK + 1).min(n);
-    let mut out = Vec::with_capacity(cells.iter().product());
-    for cz in 0..cells[2] {
-        for cy in 0..cells[1] {
-            for cx in 0..cells[0] {
-                let mut most = 0.0_f32;
-                for z in range(cz, size[2]) {
-                    for y in range(cy, size[1]) {
-                        let row = (z * size[1] + y) * size[0];
-                        for x in range(cx, size[0]) {
-                            most = most.max(extinction[row + x]);
-                        }
-                    }
-                }
-                // Above the rounding of the weights.
-                out.push(most * (1.0 + 1e-5));
+    // Along x, then y, then z; rows of cells along x stay together.
+    let along_x: Vec<f32> = extinction
+        .chunks_exact(size[0])
+        .flat_map(|row| (0..cells[0]).map(|c| row[range(c, size[0])].iter().copied().fold(0.0, most)))
+        .collect();
+    let along = |of: &[f32], rows: usize, length: usize, k: usize| -> Vec<f32> {
+        let mut out = vec![0.0; rows * cells[k] * length];
+        for (place, out) in out.chunks_exact_mut(length).enumerate() {
+            let (row, c) = (place / cells[k], place % cells[k]);
+            for y in range(c, size[k]) {
+                let values = &of[(row * size[k] + y) * length..][..length];
+                out.iter_mut().zip(values).for_each(|(m, v)| *m = most(*m, *v));
             }
         }
-    }
+        out
+    };
+    let along_y = along(&along_x, size[2], cells[0], 1);
+    let mut out = along(&along_y, 1, cells[0] * cells[1], 2);
+    // Above the rounding of the weights.
+    out.iter_mut().for_each(|m| *m *= 1.0 + 1e-5);
     out
 }
 

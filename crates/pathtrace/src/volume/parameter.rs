@@ -1,6 +1,7 @@
 //! Values of media that pictures depend on: read, replaced in place, and counted.
 
 use super::bounded::Extinction;
+use super::grid::is_share;
 use super::{InteriorMedium, Media};
 use crate::PathtraceError;
 use crate::error::{absent, invalid};
@@ -160,8 +161,7 @@ impl InteriorMedium {
     }
 
     fn set_albedos(&mut self, index: usize, albedos: &[Vec3f]) -> Result<(), PathtraceError> {
-        let share = |a: &Vec3f| a.to_array().iter().all(|x| (0.0..=1.0).contains(x));
-        if let Some(i) = albedos.iter().position(|a| !share(a)) {
+        if let Some(i) = albedos.iter().position(|a| !is_share(a)) {
             let found = albedos[i].to_array();
             let rule = format!("albedo of voxel {i} is {found:?}; it must lie in [0, 1]");
             return Err(invalid(format!("medium {index}"), rule));
