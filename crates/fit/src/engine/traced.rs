@@ -109,8 +109,6 @@ pub struct Traced {
     values: Vec<Vec<f32>>,
     /// What moves of each parameter.
     motions: Vec<Motion>,
-    /// Channels that the world has of each value: one or three.
-    channels: Vec<usize>,
     /// How much of the phase was made when a step was last begun.
     share: f64,
 }
@@ -125,7 +123,7 @@ impl Traced {
         options: RenderOptions,
         parameters: Vec<TracedParameter>,
     ) -> Result<Self, FitError> {
-        let (mut values, mut channels) = (Vec::new(), Vec::new());
+        let mut values = Vec::new();
         for p in &parameters {
             let read = world.parameter(&p.parameter)?;
             let cells = p.cells();
@@ -135,7 +133,6 @@ impl Traced {
                 return Err(FitError::Setting { field: "shape", rule });
             }
             values.push(read.chunks_exact(held).flat_map(|v| v[..p.channels()].to_vec()).collect());
-            channels.push(held);
         }
         let (gradient_spp, evaluation_spp, smoothing) = (1, 64, Smoothing::default());
         let (world, compared) = (Mutex::new(world), ComparedPixels::default());
@@ -153,7 +150,6 @@ impl Traced {
             smoothing,
             compared,
             values,
-            channels,
             share: 0.0,
         };
         // The world keeps values as it reads them to rounding; from here on it has those that a checkpoint gives back.
@@ -318,12 +314,10 @@ impl Traced {
 
     fn update(&mut self, parameter: usize) -> Result<(), photofit_pathtrace::PathtraceError> {
         let p = &self.parameters[parameter];
-        let channels = self.channels[parameter];
-        let values = &self.values[parameter];
+        let (channels, values) = (p.channels(), &self.values[parameter]);
+        let world = self.world.get_mut().unwrap_or_else(PoisonError::into_inner);
         // Numbers that are kept as colours are the same in all channels.
-        let spread = values.chunks_exact(p.channels());
-        let spread: Vec<f32> = spread.flat_map(|v| (0..channels).map(|c| v[c.min(v.len() - 1)])).collect();
-        self.world.get_mut().unwrap_or_else(PoisonError::into_inner).set_parameter(&p.parameter, &spread)
+        world.spread_parameter(&p.parameter, channels, values)
     }
 
     /// The picture of a camera, of the size that the options say: linear, premultiplied RGBA.
@@ -405,17 +399,13 @@ impl Traced {
             let gradient = self.guidance.gradient(&adjoint, &g, samples)?;
             self.not_finite.add(gradient.not_finite);
             for (k, found) in which.into_iter().zip(&gradient.parameters) {
-                let channels = self.parameters[k].channels();
-                let cells = found.values.chunks_exact(found.channels);
-                let cells = cells.flat_map(|v| v[..channels].iter());
-                let rows = out[k].iter_mut().zip(cells).zip(&self.values[k]);
+                let of = found.first_channels(self.parameters[k].channels());
+                let rows = out[k].iter_mut().zip(of.iter()).zip(&self.values[k]);
                 match &self.motions[k] {
                     Motion::Values => rows.for_each(|((o, g), _)| *o += *g as f32),
                     Motion::Logarithms(_) => rows.for_each(|((o, g), v)| *o += (*g * f64::from(*v)) as f32),
                     Motion::Correction(c) => {
-                        let held = found.channels;
-                        let of = |i: usize| found.values[i / channels * held + i % channels];
-                        c.apply_vjp(self.parameters[k].range, &self.values[k], of, &mut out[k]);
+                        c.apply_vjp(self.parameters[k].range, &self.values[k], |i| of[i], &mut out[k]);
                     }
                 }
             }

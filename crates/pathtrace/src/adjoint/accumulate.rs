@@ -7,7 +7,7 @@ use super::layout::{NONE, Range};
 use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 
-/// Cells that one thread reduces at a time.
+/// Cells that one thread reduces at a time: a band.
 const BAND: usize = 4096;
 /// Slots of a table at first: a power of two.
 const SLOTS: usize = 1 << 10;
@@ -16,8 +16,11 @@ const SLOTS: usize = 1 << 10;
 #[derive(Debug)]
 pub(super) struct Accumulator {
     dense: Vec<[f64; 3]>,
-    /// The cells of large images that were touched, each once: by their first touch, in the end by number.
+    /// The cells of large images that were touched, each once: by their first touch, in the end by bands.
     sparse: Vec<(u32, [f64; 3])>,
+    /// Where the cells of each band begin, from the first one that was touched, and where those of the last end.
+    bands: Vec<u32>,
+    first_band: usize,
     /// A hash table of them by linear probing, at most half full: cell and place in `sparse`.
     slots: Vec<(u32, u32)>,
     /// Largest remainder of light at the end of a path, relative to the light of the path.
@@ -31,6 +34,8 @@ impl Accumulator {
         Self {
             dense: vec![[0.0; 3]; dense],
             sparse: Vec::new(),
+            bands: Vec::new(),
+            first_band: 0,
             slots: Vec::new(),
             residual: 0.0,
             not_finite: 0,
@@ -89,39 +94,68 @@ impl Accumulator {
         }
     }
 
-    /// Ends the task: cells in their order, without the table.
+    /// Ends the task: cells by bands, without the table.
     pub(super) fn finish(&mut self) {
         self.slots = Vec::new();
-        self.sparse.sort_unstable_by_key(|e| e.0);
-        self.sparse.shrink_to_fit();
+        let bands = self.sparse.iter().map(|e| band(e.0));
+        let Some([first, last]) = bands.fold(None, |ends: Option<[usize; 2]>, b| {
+            Some(ends.map_or([b; 2], |[first, last]| [first.min(b), last.max(b)]))
+        }) else {
+            return;
+        };
+        // A counting sort.
+        let mut ends = vec![0_u32; last - first + 2];
+        self.sparse.iter().for_each(|e| ends[band(e.0) - first + 1] += 1);
+        (1..ends.len()).for_each(|b| ends[b] += ends[b - 1]);
+        (self.bands, self.first_band) = (ends.clone(), first);
+        let mut sorted = vec![(0, [0.0; 3]); self.sparse.len()];
+        for e in &self.sparse {
+            let place = &mut ends[band(e.0) - first];
+            sorted[*place as usize] = *e;
+            *place += 1;
+        }
+        self.sparse = sorted;
     }
 
     /// Adds finished tasks in order to the sums of each parameter, channel by channel of every cell.
     pub(super) fn reduce(tasks: &[Self], ranges: &[Range], totals: &mut [Vec<f64>]) {
         for (range, total) in ranges.iter().zip(totals) {
-            total.par_chunks_mut(BAND * range.channels).enumerate().for_each(|(band, sums)| {
-                let from = range.start + band * BAND;
+            // Its part of each band.
+            let (mut parts, mut rest, mut from) = (Vec::new(), &mut total[..], range.start);
+            while !rest.is_empty() {
+                let cells = (BAND - from % BAND).min(rest.len() / range.channels);
+                let (part, left) = rest.split_at_mut(cells * range.channels);
+                parts.push((from, part));
+                (rest, from) = (left, from + cells);
+            }
+            parts.into_par_iter().for_each(|(from, sums)| {
                 tasks.iter().for_each(|task| task.add_to(from, sums, range.channels));
             });
         }
     }
 
-    /// Adds to the sums of so many channels of the cells from `from` on, which are all dense or none of them is.
+    /// Adds to the sums of so many channels of the cells from `from` on, which are in one band, and all dense or none of them is.
     fn add_to(&self, from: usize, sums: &mut [f64], channels: usize) {
         let add = |sum: &mut [f64], g: &[f64; 3]| sum.iter_mut().zip(g).for_each(|(s, g)| *s += g);
         let cells = sums.len() / channels;
         if let Some(dense) = self.dense.get(from..from + cells) {
             return sums.chunks_exact_mut(channels).zip(dense).for_each(|(sum, g)| add(sum, g));
         }
-        let begin = self.sparse.partition_point(|e| (e.0 as usize) < from);
-        for (cell, g) in &self.sparse[begin..] {
-            let first = (*cell as usize - from) * channels;
-            match sums.get_mut(first..first + channels) {
-                Some(sum) => add(sum, g),
-                None => return,
+        let Some(number) = band(from as u32).checked_sub(self.first_band) else { return };
+        let Some(&[begin, end]) = self.bands.get(number..number + 2) else { return };
+        for (cell, g) in &self.sparse[begin as usize..end as usize] {
+            // Another parameter may have a part of the band.
+            if let Some(place) = (*cell as usize).checked_sub(from).filter(|place| *place < cells) {
+                add(&mut sums[place * channels..][..channels], g);
             }
         }
     }
+}
+
+/// The band of a cell.
+#[inline]
+fn band(cell: u32) -> usize {
+    cell as usize / BAND
 }
 
 /// The larger one; not a number where one of them is not.

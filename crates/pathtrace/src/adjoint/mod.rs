@@ -41,6 +41,7 @@ use photofit_sampling::{DirectionSampler, ScatteringSampler, hash};
 use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 use replay::{Replay, Total};
+use std::borrow::Cow;
 use tape::Recorder;
 
 /// Samples of a pixel in one task, and tasks between two reductions: bounds on what waits to be summed.
@@ -87,6 +88,20 @@ pub struct ParameterGradient {
     pub channels: usize,
     /// The channels of all values, value by value.
     pub values: Vec<f64>,
+}
+
+impl ParameterGradient {
+    /// The first `count` of the channels of all values, value by value.
+    ///
+    /// # Panics
+    /// If there are fewer.
+    pub fn first_channels(&self, count: usize) -> Cow<'_, [f64]> {
+        assert!((1..=self.channels).contains(&count), "{count} of {} channels", self.channels);
+        if count == self.channels {
+            return Cow::Borrowed(&self.values);
+        }
+        self.values.chunks_exact(self.channels).flat_map(|v| &v[..count]).copied().collect()
+    }
 }
 
 /// A picture of a world as a function of parameters, with its derivatives.

@@ -95,6 +95,27 @@ impl World {
         }
     }
 
+    /// As [`Self::set_parameter`], with values of so many channels: where the parameter has more of them, all further ones are
+    /// the last.
+    ///
+    /// # Errors
+    /// As [`Self::set_parameter`].
+    pub fn spread_parameter(
+        &mut self,
+        parameter: &Parameter,
+        channels: usize,
+        values: &[f32],
+    ) -> Result<(), PathtraceError> {
+        let held = size(self, 0, parameter)?.1;
+        if !(1..held).contains(&channels) {
+            return self.set_parameter(parameter, values);
+        }
+        let spread = |v: &[f32]| -> [f32; 3] { [0, 1, 2].map(|c| v[c.min(channels - 1)]) };
+        let spread: Vec<f32> =
+            values.chunks_exact(channels).flat_map(|v| spread(v).into_iter().take(held)).collect();
+        self.set_parameter(parameter, &spread)
+    }
+
     fn material_value(&self, index: usize, value: MaterialValue) -> Vec<f32> {
         let compiled = &self.materials[index];
         let factors =

@@ -200,9 +200,8 @@ impl Task {
                 let seed = Some(hash(2, 0, number));
                 let found = adjoint.render_vjp(&weights, GradientSamples { spp: self.gradient_spp, seed })?;
                 for ((sum, one), unknown) in gradients.iter_mut().zip(&found.parameters).zip(&self.unknowns) {
-                    let entries = one.values.chunks_exact(one.channels);
-                    let entries = entries.flat_map(|v| &v[..unknown.channels]);
-                    sum.iter_mut().zip(entries).for_each(|(s, v)| *s += (v / self.batch as f64) as f32);
+                    let one = one.first_channels(unknown.channels);
+                    sum.iter_mut().zip(one.iter()).for_each(|(s, v)| *s += (v / self.batch as f64) as f32);
                 }
             }
             let halved = self.half_life.map_or(1.0, |h| 0.5_f64.powi((step / h) as i32));
@@ -279,15 +278,7 @@ impl Unknown {
 
 /// Sets the values of an unknown.
 fn set(world: &mut World, unknown: &Unknown, values: &[f32]) -> Result<()> {
-    set_values(world, &unknown.parameter, unknown.channels, values)
-}
-
-/// Sets values of so many channels; numbers that a world keeps as colours are the same in all channels.
-fn set_values(world: &mut World, parameter: &Parameter, channels: usize, values: &[f32]) -> Result<()> {
-    let held = world.parameter(parameter)?.len() / (values.len() / channels);
-    let spread = values.chunks_exact(channels);
-    let spread: Vec<f32> = spread.flat_map(|v| (0..held).map(|c| v[c.min(v.len() - 1)])).collect();
-    Ok(world.set_parameter(parameter, &spread)?)
+    Ok(world.spread_parameter(&unknown.parameter, unknown.channels, values)?)
 }
 
 fn picture(world: &World, view: &View, options: &RenderOptions) -> Result<Image> {

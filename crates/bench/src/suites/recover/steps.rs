@@ -130,16 +130,12 @@ impl Scene {
             for ((held, optimizer), (one, values)) in
                 self.values.iter().zip(&mut optimizers).zip(found.parameters.iter().zip(start))
             {
-                let gradient: Vec<f32> = one
-                    .values
-                    .chunks_exact(one.channels)
-                    .flat_map(|v| &v[..held.channels])
-                    .map(|g| *g as f32)
-                    .collect();
+                let gradient: Vec<f32> =
+                    one.first_channels(held.channels).iter().map(|g| *g as f32).collect();
                 // Every step begins at the same values: the move costs what it costs in a recovery, and is taken back.
                 let mut moved = values.clone();
                 optimizer.step(&mut moved, &gradient, 1e-3)?;
-                super::set_values(&mut world, &held.parameter, held.channels, values)?;
+                world.spread_parameter(&held.parameter, held.channels, values)?;
             }
             if step == 0 {
                 continue;
@@ -148,8 +144,8 @@ impl Scene {
             for (held, ([mean, squares], one)) in
                 self.values.iter().zip(moments.iter_mut().zip(&found.parameters))
             {
-                let entries = one.values.chunks_exact(one.channels).flat_map(|v| &v[..held.channels]);
-                for ((m, s), v) in mean.iter_mut().zip(squares).zip(entries) {
+                let entries = one.first_channels(held.channels);
+                for ((m, s), v) in mean.iter_mut().zip(squares).zip(entries.iter()) {
                     let d = v - *m;
                     *m += d / step as f64;
                     *s += d * (v - *m);
