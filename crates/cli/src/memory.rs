@@ -52,20 +52,29 @@ pub(crate) fn check_textures(task: Task, input: &Path, assets: &[&Scene]) -> Res
     }
 }
 
-/// Refuses a grid of so many voxels (`--size`), of each of which so many values are found, that would take more memory than there is.
+/// Refuses a grid of so many voxels (`--size` along its longest side), of each of which so many values are found, that would take
+/// more memory than there is.
 ///
 /// # Errors
-/// As [`check_fit`].
+/// As [`check_fit`]; the message tells a size for which there is enough.
 pub(crate) fn check_grid(voxels: [usize; 3], values: usize) -> Result<()> {
     let (needed, [x, y, z]) = (grid(voxels, values), voxels);
     match room() {
         Some(room) if needed > room => bail!(
-            "--size: {x} x {y} x {z} voxels need about {} of memory; there are {}, and a smaller --size must be given",
+            "--size: {x} x {y} x {z} voxels need about {} of memory; there are {}, and --size must be {} at most",
             bytes(needed),
-            bytes(room)
+            bytes(room),
+            largest_side(voxels, values, room)
         ),
         _ => Ok(()),
     }
+}
+
+/// The longest side of a grid of the same shape that takes no more than so many bytes; at least 1.
+fn largest_side(voxels: [usize; 3], values: usize, room: u64) -> usize {
+    let longest = voxels.into_iter().max().unwrap_or(1);
+    let of = |side: usize| voxels.map(|n| (n * side).div_ceil(longest));
+    (1..longest).rev().find(|side| grid(of(*side), values) <= room).unwrap_or(1)
 }
 
 /// Bytes that this process can still take: the least of what the system has available, of what the limit on its address
@@ -124,6 +133,17 @@ fn address_space(limits: &str) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_largest_side_fits() {
+        let voxels = [100, 50, 200];
+        for room in [grid([25, 13, 50], 4), grid([99, 50, 199], 4)] {
+            let side = largest_side(voxels, 4, room);
+            let of = |side: usize| grid(voxels.map(|n| (n * side).div_ceil(200)), 4);
+            assert!(of(side) <= room && room < of(side + 1), "{side}");
+        }
+        assert_eq!(largest_side(voxels, 4, 0), 1);
+    }
 
     #[test]
     fn the_narrowest_control_group_counts_with_what_is_used_of_it() {

@@ -155,6 +155,11 @@ pub fn recover_texture(
     let mut topology = photos.digest();
     topology.add(&model.candidate.uvs);
     let loss = options.loss.unwrap_or_else(|| loss::choose(&held_out));
+    let fingerprint = Fingerprint::default()
+        .option("texture_size", options.texture_size)
+        .option("batch", options.batch)
+        .option("seed", options.seed)
+        .digest("pictures, cameras, lights or shape", topology);
     let job = Job {
         reference: &photos.given,
         views: &photos.given,
@@ -166,11 +171,10 @@ pub fn recover_texture(
         steps: options.steps,
         rival: None,
         checkpointing: &options.checkpointing,
-        fingerprint: Fingerprint::default()
-            .option("texture_size", options.texture_size)
-            .option("batch", options.batch)
-            .option("seed", options.seed)
-            .digest("pictures, cameras, lights or shape", topology),
+        fingerprint: match options.loss {
+            Some(asked) => fingerprint.option("loss", asked.name()),
+            None => fingerprint,
+        },
     };
     let phases = |_| {
         vec![Phase {

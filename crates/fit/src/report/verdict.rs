@@ -23,7 +23,7 @@ pub struct Verdict {
     /// Number of views.
     pub views: usize,
     /// Further views that the work was ended before.
-    pub unseen: usize,
+    pub not_judged: usize,
     /// The best stage among those that are clearly better than the written file.
     pub better: Option<StageQuality>,
     /// What was written.
@@ -116,8 +116,8 @@ impl Verdict {
         let beyond = if o.judged == Judged::PathTraced { beyond_noise } else { beyond };
         let judged = Self::new(&of(k), original.as_deref().map(|original| (original, beyond)));
         let asked = if o.stopped { o.report_views as usize } else { 0 };
-        let unseen = asked.saturating_sub(judged.views);
-        let judged = Self { too_large, traced, textured, unseen, ..judged };
+        let not_judged = asked.saturating_sub(judged.views);
+        let judged = Self { too_large, traced, textured, not_judged, ..judged };
         Self { better, written, appearance, fitted, compared, cut, max_bytes, ..judged }
     }
 
@@ -144,7 +144,7 @@ impl Verdict {
             mean,
             worst,
             views,
-            unseen: 0,
+            not_judged: 0,
             better,
             written,
             appearance,
@@ -205,9 +205,9 @@ impl Verdict {
     /// How many views were judged, in words.
     fn told_views(&self) -> String {
         let seen = |word| counted(self.views, word);
-        match self.unseen {
+        match self.not_judged {
             0 => seen("new view"),
-            unseen => format!("{} of {} (the judgement was cut short)", seen("view"), self.views + unseen),
+            more => format!("{} of {} (the judgement was cut short)", seen("view"), self.views + more),
         }
     }
 
@@ -452,7 +452,7 @@ mod tests {
         assert_eq!(beside(&[0.14, 0.12], &[0.13, 0.12]).likeness, Likeness::Same, "as the asset is drawn");
         assert_eq!(beside(&[0.14, 0.30], &[0.13, 0.12]).likeness, Likeness::Different);
         assert!(beside(&[0.14], &[0.13]).to_string().ends_with("drawn so: 27.0 dB, FLIP 0.130"));
-        let cut = Verdict { unseen: 2, ..of(&[0.02, 0.06]) }.to_string();
+        let cut = Verdict { not_judged: 2, ..of(&[0.02, 0.06]) }.to_string();
         assert!(cut.contains(" over 2 views of 4 (the judgement was cut short); worst"), "{cut}");
         let text = of(&[0.02, 0.06]).to_string();
         assert_eq!(

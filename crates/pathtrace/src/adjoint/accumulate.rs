@@ -97,12 +97,8 @@ impl Accumulator {
     /// Ends the task: cells by bands, without the table.
     pub(super) fn finish(&mut self) {
         self.slots = Vec::new();
-        let bands = self.sparse.iter().map(|e| band(e.0));
-        let Some([first, last]) = bands.fold(None, |ends: Option<[usize; 2]>, b| {
-            Some(ends.map_or([b; 2], |[first, last]| [first.min(b), last.max(b)]))
-        }) else {
-            return;
-        };
+        let bands = || self.sparse.iter().map(|e| band(e.0));
+        let (Some(first), Some(last)) = (bands().min(), bands().max()) else { return };
         // A counting sort.
         let mut ends = vec![0_u32; last - first + 2];
         self.sparse.iter().for_each(|e| ends[band(e.0) - first + 1] += 1);
@@ -204,7 +200,10 @@ mod tests {
                 .map(|task| {
                     let mut out = Accumulator::new(DENSE);
                     let mut sums = BTreeMap::<u32, [f64; 3]>::new();
+                    // The second one does not touch the first bands.
+                    let first = task as u32 * 50_000;
                     for (cell, g) in gradients(task, count, cells) {
+                        let cell = (cell + first).min((1 << 22) - 1);
                         out.add(cell, g);
                         let sum = sums.entry(cell).or_default();
                         (0..3).for_each(|c| sum[c] += f64::from(g[c]));

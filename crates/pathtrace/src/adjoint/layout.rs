@@ -81,8 +81,10 @@ pub(super) struct Layout {
 
 impl Layout {
     pub(super) fn new(world: &World, parameters: &[Parameter]) -> Result<Self, PathtraceError> {
-        let size = |(i, p)| size(world, i, p);
-        let sizes: Vec<(usize, usize)> = parameters.iter().enumerate().map(size).collect::<Result<_, _>>()?;
+        let mut sizes = Vec::with_capacity(parameters.len());
+        for (i, p) in parameters.iter().enumerate() {
+            sizes.push(size(world, p).map_err(|rule| invalid(format!("parameter {i}"), rule))?);
+        }
         let (mut ranges, mut start) = (vec![Range { start: 0, cells: 0, channels: 3 }; sizes.len()], 0);
         let mut dense = 0;
         for small in [true, false] {
@@ -125,18 +127,25 @@ impl Layout {
             absorption: false,
         };
         for (i, p) in parameters.iter().enumerate() {
-            if let Parameter::Medium { medium, .. } = p {
-                let derivatives = Derivatives::of(world, *medium);
-                let cells = out.medium_mut(*medium);
-                cells.scatters = !derivatives.absorbs_only();
-                cells.dark_albedo = derivatives.dark_albedo();
-                out.media = true;
-            }
+            out.media |= matches!(p, Parameter::Medium { .. });
             if !out.place(world, p, out.ranges[i].start as u32) {
                 return Err(invalid(format!("parameter {i}"), "is given twice; each may be given once"));
             }
         }
         Ok(out)
+    }
+
+    /// The same with what replays need to know of the media of these parameters, which reads all their values.
+    pub(super) fn with_media(mut self, world: &World, parameters: &[Parameter]) -> Self {
+        for p in parameters {
+            if let Parameter::Medium { medium, .. } = p {
+                let derivatives = Derivatives::of(world, *medium);
+                let cells = self.medium_mut(*medium);
+                cells.scatters = !derivatives.absorbs_only();
+                cells.dark_albedo = derivatives.dark_albedo();
+            }
+        }
+        self
     }
 
     /// Writes down where a parameter is; whether it was free.
@@ -233,17 +242,8 @@ fn users(world: &World, named: &[usize], value: MaterialValue) -> Vec<usize> {
     (0..world.given.len()).filter(|m| library.contains(&library_material(&world.given[*m]))).collect()
 }
 
-/// Cells and channels of a parameter of this number.
-pub(super) fn size(
-    world: &World,
-    number: usize,
-    parameter: &Parameter,
-) -> Result<(usize, usize), PathtraceError> {
-    size_or_rule(world, parameter).map_err(|rule| invalid(format!("parameter {number}"), rule))
-}
-
 /// Cells and channels of a parameter, or the rule that it breaks.
-fn size_or_rule(world: &World, parameter: &Parameter) -> Result<(usize, usize), String> {
+fn size(world: &World, parameter: &Parameter) -> Result<(usize, usize), String> {
     match parameter {
         Parameter::Material { materials, value } => {
             if materials.is_empty() {

@@ -151,7 +151,7 @@ impl<'a> Adjoint<'a> {
         options: RenderOptions,
         parameters: &[Parameter],
     ) -> Result<Self, PathtraceError> {
-        let layout = Layout::new(world, parameters)?;
+        let layout = Layout::new(world, parameters)?.with_media(world, parameters);
         let plan = *Renderer::new(world, view, options.clone())?.plan();
         let absorption = if layout.absorption { plan::ABSORPTION } else { 0 };
         let needs = Features(plan.needs.0 | absorption | options.further.0);

@@ -99,7 +99,7 @@ impl Sink for Replay<'_> {
     }
 
     fn shadow_flight(&mut self, flight: &ShadowFlight) {
-        if self.layout.media && self.layout.medium(flight.medium).extinction != NONE {
+        if self.layout.medium(flight.medium).extinction != NONE {
             self.media.shadow.push(*flight);
         }
     }

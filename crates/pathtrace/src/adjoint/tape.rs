@@ -2,11 +2,12 @@
 //!
 //! A tape has a fixed size: longer paths are walked again, and memory does not grow with the length of paths.
 
+use super::layout::NONE;
 use super::replay::{Replay, Total};
 use super::surface::Here;
 use crate::integrator::{Contribution, MediaFlight, PathVertex, ShadowFlight, Sink, SurfaceVisit};
 
-/// Reports that are kept of one path: four for every scattering event, in media six.
+/// Reports that are kept of one path: about four for every scattering event, in media six, where these emit light twelve.
 pub(super) const LENGTH: usize = 192;
 
 /// A report to a sink, as the replay needs it.
@@ -101,7 +102,7 @@ impl Sink for Recorder<'_> {
 
     #[inline(always)]
     fn shadow_flight(&mut self, flight: &ShadowFlight) {
-        if self.light.layout.media {
+        if self.light.layout.medium(flight.medium).extinction != NONE {
             self.tape.push(Report::ShadowFlight(*flight));
         }
     }

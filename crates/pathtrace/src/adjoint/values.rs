@@ -1,7 +1,7 @@
 //! The values of parameters: read, and replaced in place. What a gradient is taken with respect to is what is read here,
 //! in the same order.
 
-use super::layout::size;
+use super::layout::Layout;
 use super::parameter::{MaterialValue, Parameter, library_material};
 use crate::PathtraceError;
 use crate::error::invalid;
@@ -19,7 +19,7 @@ impl World {
     /// # Errors
     /// As [`crate::Adjoint::new`]; if materials or textures that share the parameter hold different values.
     pub fn parameter(&self, parameter: &Parameter) -> Result<Vec<f32>, PathtraceError> {
-        size(self, 0, parameter)?;
+        Layout::new(self, std::slice::from_ref(parameter))?;
         Ok(match parameter {
             Parameter::Material { materials, value } => {
                 let read = |m: &usize| self.material_value(*m, *value);
@@ -53,11 +53,8 @@ impl World {
     /// As [`crate::Adjoint::new`], if their number is another one, or a value is not valid where it stands (negative
     /// radiance, not finite).
     pub fn set_parameter(&mut self, parameter: &Parameter, values: &[f32]) -> Result<(), PathtraceError> {
-        let (cells, channels) = size(self, 0, parameter)?;
-        let (wanted, found) = (cells * channels, values.len());
-        if found != wanted {
-            return Err(invalid("values", format!("are {found}; they must be {wanted}")));
-        }
+        let range = Layout::new(self, std::slice::from_ref(parameter))?.ranges[0];
+        check_count(values, range.cells * range.channels)?;
         if let Some(i) = values.iter().position(|v| !v.is_finite()) {
             return Err(invalid(format!("value {i}"), format!("is {}; it must be finite", values[i])));
         }
@@ -99,20 +96,25 @@ impl World {
     /// the last.
     ///
     /// # Errors
-    /// As [`Self::set_parameter`].
+    /// As [`Self::set_parameter`]; if the parameter has fewer channels, or `channels` is 0.
     pub fn spread_parameter(
         &mut self,
         parameter: &Parameter,
         channels: usize,
         values: &[f32],
     ) -> Result<(), PathtraceError> {
-        let held = size(self, 0, parameter)?.1;
-        if !(1..held).contains(&channels) {
+        let range = Layout::new(self, std::slice::from_ref(parameter))?.ranges[0];
+        if !(1..=range.channels).contains(&channels) {
+            let rule = format!("are {channels}; they must be 1 to {}", range.channels);
+            return Err(invalid("channels", rule));
+        }
+        check_count(values, range.cells * channels)?;
+        if channels == range.channels {
             return self.set_parameter(parameter, values);
         }
-        let spread = |v: &[f32]| -> [f32; 3] { [0, 1, 2].map(|c| v[c.min(channels - 1)]) };
-        let spread: Vec<f32> =
-            values.chunks_exact(channels).flat_map(|v| spread(v).into_iter().take(held)).collect();
+        let spread =
+            |v| (0..range.channels).map(move |c: usize| <[f32]>::get(v, c).unwrap_or(&v[channels - 1]));
+        let spread: Vec<f32> = values.chunks_exact(channels).flat_map(spread).copied().collect();
         self.set_parameter(parameter, &spread)
     }
 
@@ -212,6 +214,13 @@ impl World {
             *graph = Arc::new(tree);
         }
         self.set_material(m, &material)
+    }
+}
+
+fn check_count(values: &[f32], wanted: usize) -> Result<(), PathtraceError> {
+    match values.len() {
+        found if found != wanted => Err(invalid("values", format!("are {found}; they must be {wanted}"))),
+        _ => Ok(()),
     }
 }
 

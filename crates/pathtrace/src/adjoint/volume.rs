@@ -11,7 +11,7 @@
 //!   length. Both are weighted by what adds up to 1 at each point: `sigma_t / (sigma_t + c)` and `c / (sigma_t + c)`,
 //!   with `c` one over the length of the flight's way in the medium. So no estimate is divided by a density that may be 0,
 //!   and thin media, in which paths seldom collide, are told by distances.
-//! - *Albedo* by both likewise, where it is small with `a / (a + b)` of what collisions tell.
+//! - *Albedo*: collisions count `sigma_t / (sigma_t + c) a / (a + b)`, distances the rest; `b` is 0 but where albedos are small.
 //! - *Emission* at the points where the path looks it up; what dims it there is told as that of a shadow ray.
 
 use super::layout::NONE;
@@ -98,7 +98,7 @@ impl Replay<'_> {
         let derivatives = Derivatives::of(self.world, medium);
         let p = flight.origin + flight.direction * flight.length;
         let out = &mut *self.out;
-        // What light gathered anew tells of flights that have an end is told by collisions alone of those that have none.
+        // Flights without an end gather no light: collisions tell all of it.
         let reach = derivatives.reach(&segment(flight, flight.end));
         let [c, b] = reach.map_or([0.0; 2], |reach| [1.0 / reach, cells.dark_albedo]);
         let sigma = derivatives.extinction(p);
@@ -107,7 +107,7 @@ impl Replay<'_> {
             derivatives.extinction_vjp(p, g, |voxel, g| out.add(offset(cells.extinction, voxel), g));
         }
         if cells.albedo != NONE {
-            let g = over(g.mul(over(sigma, sigma, c)), derivatives.albedo(p), b);
+            let g = over(g.mul(share(sigma, c)), derivatives.albedo(p), b);
             derivatives.albedo_vjp(p, g, |voxel, g| out.add(offset(cells.albedo, voxel), g));
         }
     }
@@ -161,7 +161,7 @@ impl Replay<'_> {
             derivatives.extinction_vjp(p, g, |voxel, g| out.add(offset(cells.extinction, voxel), g));
         }
         if cells.albedo != NONE {
-            let collisions = over(sigma, sigma, c).mul(over(albedo, albedo, cells.dark_albedo));
+            let collisions = share(sigma, c).mul(share(albedo, cells.dark_albedo));
             let g = g.mul(sigma).mul(Vec3f::splat(1.0) - collisions);
             derivatives.albedo_vjp(p, g, |voxel, g| out.add(offset(cells.albedo, voxel), g));
         }
@@ -171,6 +171,11 @@ impl Replay<'_> {
 /// The first part of a flight.
 fn segment(flight: &MediaFlight, length: f32) -> Segment {
     Segment { origin: flight.origin, direction: flight.direction, length }
+}
+
+/// `value / (value + reference)` per channel: what collisions tell.
+fn share(value: Vec3f, reference: f32) -> Vec3f {
+    over(value, value, reference)
 }
 
 /// `g / (value + reference)` per channel; 0 where both are 0.

@@ -2,9 +2,11 @@
 //! it, and none at all; grids voxel group by voxel group; a closed form.
 
 mod colors;
+mod company;
 mod emission;
 mod grids;
 mod table;
+mod tapes;
 
 use super::scenes::{diffuse, looking, place, quad, square, unit_cube_size};
 use crate::{
@@ -70,6 +72,8 @@ struct Cloud {
     factor: f32,
     /// Most scattering events.
     depth: u32,
+    /// There are another medium and a clear solid that absorbs, and both reach into it.
+    in_company: bool,
 }
 
 impl Cloud {
@@ -78,7 +82,8 @@ impl Cloud {
         let size = if matches!(kind, Kind::Even | Kind::Around) { [1; 3] } else { [3, 2, 2] };
         let tint = Vec3f::splat(1.0);
         let (density, emission) = (vec![density], Vec::new());
-        Self { kind, size, density, albedo, emission, tint, scale: 1.0, g: 0.3, factor: 1.0, depth: 6 }
+        let (scale, g, factor, depth, in_company) = (1.0, 0.3, 1.0, 6, false);
+        Self { kind, size, density, albedo, emission, tint, scale, g, factor, depth, in_company }
     }
 
     fn voxels(&self) -> usize {
@@ -136,6 +141,21 @@ impl Cloud {
             parts.instances.push(Instance { shape, material, transform: DAffine3::from_scale(scale) });
             let instance = parts.instances.len() - 1;
             parts.boundaries.push(Boundary { instance, interior: Some(0), exterior: None });
+        }
+        if self.in_company {
+            let clear =
+                Material { absorption: vec3(0.2, 0.5, 0.9), solid: true, ..Material::new(Bsdf::Null(Null)) };
+            parts.add(Shape::Sphere { center: vec3(0.5, 0.2, 0.6), radius: 0.7 }, clear);
+            parts.volumes.push(Volume {
+                size: [1; 3],
+                density: vec![0.7],
+                scale: 1.0,
+                albedo: vec3(0.5, 0.7, 0.6),
+                albedos: Vec::new(),
+                g: 0.0,
+                emission: None,
+                transform: DAffine3::from_translation(DVec3::new(-0.6, -0.5, -0.2)),
+            });
         }
         let options = WorldOptions { majorant_factor: self.factor, ..WorldOptions::default() };
         World::with_options(parts, options).unwrap()

@@ -13,8 +13,8 @@ use photofit_scalar::{Vec3f, vec3};
 
 /// Points per segment at which the change of its optical thickness is looked up, one in each equal part.
 const POINTS: u32 = 4;
-/// An albedo below which light scattered so far tells its derivative badly, and the albedo at which it is told half by
-/// that and half by light gathered for it.
+/// An albedo below which collisions tell its derivative badly, and the albedo at which they count half of what they count
+/// otherwise.
 const DARK: f32 = 0.05;
 const DARK_HALF: f32 = 0.02;
 
@@ -164,7 +164,7 @@ impl<'a> Derivatives<'a> {
         sample_evenly(sigma, along.length, share, [rng.next_f32(), rng.next_f32()])
     }
 
-    /// The albedo at which its derivative is told half by light scattered so far; 0: by that alone.
+    /// The albedo at which collisions count half of what they count otherwise for its derivative; 0: as much as otherwise at any.
     pub(crate) fn dark_albedo(self) -> f32 {
         let values = match self {
             Self::Volume(medium) => medium.albedos(),

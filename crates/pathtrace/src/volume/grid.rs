@@ -328,3 +328,31 @@ impl Medium {
         self.size[k] as f32 / BLOCK as f32
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use photofit_sampling::Rng;
+
+    #[test]
+    fn bounds_are_the_largest_of_their_voxels_and_neighbours() {
+        let size = [9, 5, 13];
+        let mut rng = Rng::new(3, 0);
+        let values: Vec<f32> = (0..size.iter().product()).map(|_| rng.uniform(0.0, 2.0)).collect();
+        let cells = size.map(|n: usize| n.div_ceil(BLOCK));
+        let found = majorants(&values, size, cells);
+        assert_eq!(found.len(), cells.iter().product::<usize>());
+        let near = |cell: usize, voxel: usize| voxel + 1 >= cell * BLOCK && voxel <= (cell + 1) * BLOCK;
+        for (i, found) in found.iter().enumerate() {
+            let cell = [i % cells[0], i / cells[0] % cells[1], i / cells[0] / cells[1]];
+            let mut most = 0.0_f32;
+            for (v, value) in values.iter().enumerate() {
+                let voxel = [v % size[0], v / size[0] % size[1], v / size[0] / size[1]];
+                if (0..3).all(|k| near(cell[k], voxel[k])) {
+                    most = most.max(*value);
+                }
+            }
+            assert_eq!(*found, most * (1.0 + 1e-5), "cell {cell:?}");
+        }
+    }
+}

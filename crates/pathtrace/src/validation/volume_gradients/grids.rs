@@ -117,7 +117,7 @@ fn absorption_has_its_closed_form() {
 
 #[test]
 fn gradients_of_grids_have_the_same_bits_on_one_thread_and_two() {
-    // Small grids are summed densely, large ones by queues.
+    // Small grids are summed densely, large ones in tables of the voxels that are touched.
     for size in [[4, 3, 5], [40, 30, 32]] {
         let c = random(Kind::Box, size);
         let world = c.world();
@@ -205,4 +205,33 @@ fn bad_values_of_media_are_refused() {
     let twice = [density.clone(), density];
     let text = Adjoint::new(&world, &view(), square(SIDE, 1), &twice).unwrap_err().to_string();
     assert!(text.contains("given twice"), "{text}");
+}
+
+#[test]
+fn values_of_fewer_channels_stand_for_the_further_ones() {
+    let mut world = random(Kind::Box, [3, 2, 4]).world();
+    let of = |value| Parameter::Medium { medium: MediumRef::Volume(0), value };
+    let (density, albedo) = (of(MediumValue::Extinction), of(MediumValue::Albedo));
+    let values: Vec<f32> = (0..48).map(|i| i as f32 / 48.0).collect();
+    for (channels, of) in [(1, [0, 0, 0]), (2, [0, 1, 1])] {
+        let values = &values[..24 * channels];
+        world.spread_parameter(&albedo, channels, values).unwrap();
+        let expected: Vec<f32> = values.chunks(channels).flat_map(|v| of.map(|c| v[c])).collect();
+        assert_eq!(world.parameter(&albedo).unwrap(), expected);
+    }
+    world.spread_parameter(&density, 1, &values[..24]).unwrap();
+    assert_eq!(world.parameter(&density).unwrap(), values[..24]);
+    for (channels, count, words) in [
+        (0, 24, "channels: are 0; they must be 1 to 3"),
+        (4, 96, "channels: are 4; they must be 1 to 3"),
+        (2, 49, "values: are 49; they must be 48"),
+        (2, 72, "values: are 72; they must be 48"),
+    ] {
+        let text = world.spread_parameter(&albedo, channels, &vec![0.5; count]).unwrap_err().to_string();
+        assert!(text.contains(words), "{text}");
+    }
+    let gradient = crate::ParameterGradient { channels: 3, values: vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0] };
+    assert_eq!(gradient.first_channels(1)[..], [1.0, 4.0]);
+    assert_eq!(gradient.first_channels(2)[..], [1.0, 2.0, 4.0, 5.0]);
+    assert_eq!(gradient.first_channels(3)[..], gradient.values);
 }

@@ -56,6 +56,16 @@ fn albedo_of_uniform_media() {
     albedos(&[(0.0, &[Kind::Even]), (0.7, &[Kind::Box])], [32, 128], 0.1);
 }
 
+/// Collisions are rare in thin media: light that is gathered along flights tells what they scatter with so few samples.
+#[test]
+fn albedo_of_a_thin_medium_from_few_samples() {
+    let thin = Cloud::uniform(Kind::Box, 0.03);
+    let a = thin.replayed(MediumValue::Albedo, 16, |_, _| 1.0);
+    let at = |x: f64| Cloud { albedo: vec![thin.albedo[0].map(|a| a + x as f32)], ..thin.clone() };
+    compare("albedo at density .03", a, differences(at, 0.1, false, 1024), 0.2);
+    assert!(a.1 < 0.02 * a.0.abs(), "{a:?}");
+}
+
 #[test]
 #[ignore = "slow: the table of docs/crates/pathtrace.md"]
 fn table_of_uniform_media() {
