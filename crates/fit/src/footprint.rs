@@ -53,12 +53,13 @@ impl Task {
     }
 }
 
-/// Bytes of a grid of [`crate::recover_volume`], by voxel and by value of a voxel that is found: the peak grew so from 96 to 128 voxels a
-/// side, 290 and 516 bytes for four and seven values.
+/// Bytes of a grid of [`crate::recover_volume`], by voxel and by value of a voxel that is found, a little above what the peak of the
+/// resident set grew by from 96 to 128 voxels a side: 273 and 504 bytes a voxel of four and of seven values.
 const VOXEL: u64 = 10;
 const VALUE: u64 = 76;
 
-/// Bytes of a grid of so many voxels, of each of which so many values are found.
+/// Bytes of a grid of so many voxels, of each of which so many values are found. What voxels that pictures touch take while gradients
+/// are summed follows from samples instead, and comes on top: some dozens of megabytes.
 pub fn grid(voxels: [usize; 3], values: usize) -> u64 {
     let count = voxels.iter().fold(1, |n: u64, side| n.saturating_mul(*side as u64));
     count.saturating_mul(VOXEL + VALUE * values as u64)

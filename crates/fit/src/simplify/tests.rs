@@ -5,6 +5,7 @@ mod plans;
 use super::*;
 use crate::Silent;
 pub(super) use crate::progress::Heard;
+use crate::report::Verdict;
 use photofit_geometry::decimate::Target;
 use photofit_geometry::shapes::{cube, displaced_sphere};
 use photofit_scalar::{vec2, vec3};
@@ -251,6 +252,8 @@ fn nothing_is_compared_with_what_a_stopped_fit_had_reached() {
             "{after:?}"
         );
         assert!(made.stopped && made.fit_stopped && !made.was_chosen(), "{:?}", made.stages);
+        let verdict = Verdict::of(&made).to_string();
+        assert!(verdict.contains(" over 2 views of 8 (the judgement was cut short); "), "{verdict}");
         let first = made.history[0].quality;
         let gained = made.history.iter().any(|h| h.quality > first);
         assert_eq!(made.written == Written::Fitted, gained, "{:?}", made.written);
@@ -260,6 +263,7 @@ fn nothing_is_compared_with_what_a_stopped_fit_had_reached() {
     let limited = SimplifyOptions { time_limit: Some(std::time::Duration::ZERO), ..own };
     let made = simplify(&rock(), &path, &limited, &Silent).unwrap();
     assert!(made.fit_stopped && made.was_chosen(), "{:?}", made.stages);
+    assert!(Verdict::of(&made).to_string().contains(" over 8 new views; "));
 }
 
 #[test]
@@ -509,7 +513,7 @@ fn a_fit_that_gains_nothing_is_its_start() {
             let names: Vec<&str> = made.stages.iter().map(|s| s.name).collect();
             assert_eq!(names, ["decimated", "shrink-wrapped", "file"]);
             assert!(made.stages.iter().all(|s| s.triangles == made.triangles_out));
-            let verdict = crate::report::Verdict::of(made).to_string();
+            let verdict = Verdict::of(made).to_string();
             assert!(verdict.contains("drawn onto the asset's surface"), "{verdict}");
             let counts = format!("{} of {} triangles", made.triangles_out, made.triangles_in);
             assert!(made.plan.to_string().contains(&counts), "{}", made.plan);
