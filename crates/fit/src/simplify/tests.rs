@@ -106,14 +106,14 @@ fn decimation_is_written_where_no_fit_looks_better() {
     );
     let light = photofit_scene::load(&path).unwrap();
     assert!(light.images.is_empty() && light.triangle_count() == outcome.triangles_out, "no maps");
-    assert!(crate::report::Verdict::of(&outcome).better.is_none(), "{:?}", outcome.stages);
+    assert!(Verdict::of(&outcome).better.is_none(), "{:?}", outcome.stages);
 
     // Not where new maps are asked for.
     let outcome =
         simplify(&scene, &path, &SimplifyOptions { own_textures: false, ..coarse }, &Silent).unwrap();
     let light = photofit_scene::load(&path).unwrap();
     assert!(outcome.written != Written::Decimated && light.materials[0].normal_texture.is_some());
-    let better = crate::report::Verdict::of(&outcome).better;
+    let better = Verdict::of(&outcome).better;
     assert_eq!(better.map(|b| b.name), Some("decimated"), "{:?}", outcome.stages);
 }
 
