@@ -9,7 +9,7 @@ use crate::threads;
 use anyhow::{Result, anyhow, bail};
 use photofit_fit::engine::not_finite_told;
 use photofit_image::Image;
-use photofit_pathtrace::{Adjoint, GradientSamples, ParameterGradient, RenderOptions, World};
+use photofit_pathtrace::{Adjoint, GradientSamples, RenderOptions, World};
 use serde_json::{Value, json};
 use std::time::Instant;
 
@@ -64,7 +64,7 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
             gradient.residual
         );
     }
-    let values = [&gradient.parameters[0], &error.parameters[0]].map(|g| trimmed(g, channels));
+    let values = [&gradient, &error].map(|g| g.parameters[0].first_channels(channels).into_owned());
     if let Some(file) = &a.image {
         let [value, error] = [&values[0], &values[1]].map(|v| picture(&key, v));
         let channels: &[&str] = &["R", "G", "B"];
@@ -82,6 +82,11 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     print(&text(&key, &values))?;
     if gradient.not_finite > 0 {
         crate::progress::say(&not_finite_told(gradient.not_finite));
+    }
+    if values[0].iter().all(|v| *v == 0.0) {
+        crate::progress::say(&format!(
+            "warning: {name}: no path depends on it; it may be out of sight, the weights may be 0, or --max-depth may be too small"
+        ));
     }
     Ok(Ending::Done)
 }
@@ -117,11 +122,6 @@ fn weights(a: &Gradient, options: &RenderOptions) -> Result<Image> {
     // One channel weighs all three alike.
     let channel = |c: usize| if image.channels >= 3 { c } else { 0 };
     Ok(Image::from_fn(w, h, 3, |x, y, c| image.pixel(x, y)[channel(c)]))
-}
-
-/// The first channels of every value.
-fn trimmed(g: &ParameterGradient, channels: usize) -> Vec<f64> {
-    g.values.chunks_exact(g.channels).flat_map(|v| v[..channels].iter().copied()).collect()
 }
 
 /// Values as an image of three channels, as numbers of single precision.

@@ -75,6 +75,20 @@ fn keys_are_those_of_mitsuba_and_gradients_those_of_pictures() {
 }
 
 #[test]
+fn a_gradient_of_nothing_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    std::fs::write(d.join("s.xml"), scene(0.5)).unwrap();
+    let told = |depth: &str| {
+        let common = ["gradient", "s.xml", "--parameter", "white.reflectance.value", "--spp", "16"];
+        let out = succeeds(d, &[&common[..], &["--max-depth", depth]].concat());
+        String::from_utf8_lossy(&out.stderr)
+            .contains("warning: white.reflectance.value: no path depends on it")
+    };
+    assert_eq!(["0", "1"].map(told), [true, false]);
+}
+
+#[test]
 fn what_cannot_be_differentiated_is_refused_in_one_line() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();
