@@ -155,11 +155,6 @@ pub fn recover_texture(
     let mut topology = photos.digest();
     topology.add(&model.candidate.uvs);
     let loss = options.loss.unwrap_or_else(|| loss::choose(&held_out));
-    let fingerprint = Fingerprint::default()
-        .option("texture_size", options.texture_size)
-        .option("batch", options.batch)
-        .option("seed", options.seed)
-        .digest("pictures, cameras, lights or shape", topology);
     let job = Job {
         reference: &photos.given,
         views: &photos.given,
@@ -171,10 +166,11 @@ pub fn recover_texture(
         steps: options.steps,
         rival: None,
         checkpointing: &options.checkpointing,
-        fingerprint: match options.loss {
-            Some(asked) => fingerprint.option("loss", asked.name()),
-            None => fingerprint,
-        },
+        fingerprint: Fingerprint::default()
+            .option("texture_size", options.texture_size)
+            .option("batch", options.batch)
+            .option("seed", options.seed)
+            .digest("pictures, cameras, lights or shape", topology),
     };
     let phases = |_| {
         vec![Phase {

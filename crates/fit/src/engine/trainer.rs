@@ -324,7 +324,7 @@ fn fingerprint<M: Model>(job: &Job<'_>, model: &M, groups: usize) -> Result<Fing
         .option("steps", steps);
     let options = options.option("sampling", format!("{sampling:?}"));
     let options = options.digest("what the fit starts from", digest);
-    // It follows from the pictures, or is an option of the caller too.
+    // The loss is no option here: where none was asked for, it follows from the pictures.
     Ok(options.digest("what its pictures show", picture).digest("the loss", loss.name()))
 }
 

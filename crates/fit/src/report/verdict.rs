@@ -22,7 +22,7 @@ pub struct Verdict {
     pub worst: Option<(usize, Quality)>,
     /// Number of views.
     pub views: usize,
-    /// Further views that the work was ended before.
+    /// Views that were asked for and not judged, as the work was ended.
     pub not_judged: usize,
     /// The best stage among those that are clearly better than the written file.
     pub better: Option<StageQuality>,
