@@ -21,8 +21,8 @@ pub(crate) fn peak_rss_mb() -> Option<f64> {
 pub(crate) fn check_fit(task: Task, side: usize, input: &Path, assets: &[&Scene]) -> Result<()> {
     let (maps, own) = (task.maps(side), task.textures(assets));
     let needed = maps.saturating_add(own);
-    match room() {
-        Some(room) if needed > room => bail!(
+    if let Some(room) = too_little_for(needed) {
+        bail!(
             "{}: the fit needs about {} of memory, {} of it for maps of --texture-size {side} and {} for textures of the \
              input; there are {}, and a smaller --texture-size or smaller textures must be given",
             input.display(),
@@ -30,9 +30,9 @@ pub(crate) fn check_fit(task: Task, side: usize, input: &Path, assets: &[&Scene]
             bytes(maps),
             bytes(own),
             bytes(room)
-        ),
-        _ => Ok(()),
+        );
     }
+    Ok(())
 }
 
 /// Refuses to draw assets whose textures would take more memory than there is.
@@ -41,15 +41,15 @@ pub(crate) fn check_fit(task: Task, side: usize, input: &Path, assets: &[&Scene]
 /// As [`check_fit`].
 pub(crate) fn check_textures(task: Task, input: &Path, assets: &[&Scene]) -> Result<()> {
     let needed = task.textures(assets);
-    match room() {
-        Some(room) if needed > room => bail!(
+    if let Some(room) = too_little_for(needed) {
+        bail!(
             "{}: its textures need about {} of memory; there are {}, and smaller textures must be given",
             input.display(),
             bytes(needed),
             bytes(room)
-        ),
-        _ => Ok(()),
+        );
     }
+    Ok(())
 }
 
 /// Refuses a grid of so many voxels (`--size` along its longest side), of each of which so many values are found, that would take
@@ -59,15 +59,20 @@ pub(crate) fn check_textures(task: Task, input: &Path, assets: &[&Scene]) -> Res
 /// As [`check_fit`]; the message tells a size for which there is enough.
 pub(crate) fn check_grid(voxels: [usize; 3], values: usize) -> Result<()> {
     let (needed, [x, y, z]) = (grid(voxels, values), voxels);
-    match room() {
-        Some(room) if needed > room => bail!(
+    if let Some(room) = too_little_for(needed) {
+        bail!(
             "--size: {x} x {y} x {z} voxels need about {} of memory; there are {}, and --size must be {} at most",
             bytes(needed),
             bytes(room),
             largest_side(voxels, values, room)
-        ),
-        _ => Ok(()),
+        );
     }
+    Ok(())
+}
+
+/// The bytes that there are, where they are fewer than these.
+fn too_little_for(needed: u64) -> Option<u64> {
+    room().filter(|room| needed > *room)
 }
 
 /// The longest side of a grid of the same shape that takes no more than so many bytes; at least 1.

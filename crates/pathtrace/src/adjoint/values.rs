@@ -55,6 +55,11 @@ impl World {
     pub fn set_parameter(&mut self, parameter: &Parameter, values: &[f32]) -> Result<(), PathtraceError> {
         let range = Layout::new(self, std::slice::from_ref(parameter))?.ranges[0];
         check_count(values, range.cells * range.channels)?;
+        self.take_values(parameter, values)
+    }
+
+    /// As [`Self::set_parameter`], of a parameter that is there and its number of values.
+    fn take_values(&mut self, parameter: &Parameter, values: &[f32]) -> Result<(), PathtraceError> {
         if let Some(i) = values.iter().position(|v| !v.is_finite()) {
             return Err(invalid(format!("value {i}"), format!("is {}; it must be finite", values[i])));
         }
@@ -110,12 +115,11 @@ impl World {
         }
         check_count(values, range.cells * channels)?;
         if channels == range.channels {
-            return self.set_parameter(parameter, values);
+            return self.take_values(parameter, values);
         }
-        let spread =
-            |v| (0..range.channels).map(move |c: usize| <[f32]>::get(v, c).unwrap_or(&v[channels - 1]));
-        let spread: Vec<f32> = values.chunks_exact(channels).flat_map(spread).copied().collect();
-        self.set_parameter(parameter, &spread)
+        let cells = values.chunks_exact(channels);
+        let spread = cells.flat_map(|v| (0..range.channels).map(|c| v[c.min(channels - 1)]));
+        self.take_values(parameter, &spread.collect::<Vec<f32>>())
     }
 
     fn material_value(&self, index: usize, value: MaterialValue) -> Vec<f32> {

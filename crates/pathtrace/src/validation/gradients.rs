@@ -4,7 +4,7 @@ mod filters;
 mod samplers;
 mod sharing;
 mod splitting;
-mod tapes;
+pub(super) mod tapes;
 
 use super::scenes::{cornell, cornell_view, diffuse, looking, place, quad, square};
 use crate::{

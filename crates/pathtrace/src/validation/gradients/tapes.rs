@@ -1,6 +1,7 @@
 //! What is kept of a path tells its replay the same as a second walk.
 
 use super::*;
+use crate::Gradient;
 
 #[test]
 fn gradients_have_the_same_bits_whatever_is_kept_of_paths() {
@@ -34,17 +35,27 @@ fn gradients_have_the_same_bits_whatever_is_kept_of_paths() {
         ("body", clear_body(), near, of_body),
     ] {
         let mut adjoint = Adjoint::new(&world, &view, square(SIDE, 1), &parameters).unwrap();
-        let mut run = |kept: Option<usize>| {
-            adjoint.kept = kept.unwrap_or(adjoint.kept);
-            adjoint.render_vjp(&weights(), GradientSamples { spp: 8, seed: None }).unwrap()
-        };
-        let found = run(None);
+        let found = same_whatever_is_kept(name, &mut adjoint, &weights(), &[0, 1, 7]);
         assert!(found.residual < 1e-6, "{name}: {}", found.residual);
-        for (i, p) in found.parameters.iter().enumerate() {
-            assert!(p.values.iter().any(|v| *v != 0.0), "{name}: parameter {i} has no gradient");
-        }
-        for kept in [0, 1, 7] {
-            assert!(run(Some(kept)) == found, "{name}, {kept} reports of a path");
-        }
     }
+}
+
+/// Demands a gradient of every parameter, and the same bits with so many reports of a path; returns it with as many as usual.
+pub(in crate::validation) fn same_whatever_is_kept(
+    name: &str,
+    adjoint: &mut Adjoint<'_>,
+    weights: &Image,
+    reports: &[usize],
+) -> Gradient {
+    let gradient =
+        |adjoint: &Adjoint<'_>| adjoint.render_vjp(weights, GradientSamples { spp: 8, seed: None }).unwrap();
+    let found = gradient(adjoint);
+    for (i, p) in found.parameters.iter().enumerate() {
+        assert!(p.values.iter().any(|v| *v != 0.0), "{name}: parameter {i} has no gradient");
+    }
+    for kept in reports {
+        adjoint.kept = *kept;
+        assert!(gradient(adjoint) == found, "{name}, {kept} reports of a path");
+    }
+    found
 }

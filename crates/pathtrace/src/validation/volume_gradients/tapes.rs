@@ -1,6 +1,7 @@
 //! What is kept of a path through media tells its replay the same as a second walk.
 
 use super::*;
+use crate::validation::gradients::tapes::same_whatever_is_kept;
 
 #[test]
 fn gradients_have_the_same_bits_whatever_is_kept_of_flights() {
@@ -27,16 +28,6 @@ fn gradients_have_the_same_bits_whatever_is_kept_of_flights() {
         }
         let parameters: Vec<Parameter> = parameters.into_iter().map(|v| cloud.kind.parameter(v)).collect();
         let mut adjoint = Adjoint::new(&world, &view(), cloud.options(1, 0), &parameters).unwrap();
-        let mut run = |kept: Option<usize>| {
-            adjoint.kept = kept.unwrap_or(adjoint.kept);
-            adjoint.render_vjp(&weights(), GradientSamples { spp: 8, seed: None }).unwrap()
-        };
-        let found = run(None);
-        for (i, p) in found.parameters.iter().enumerate() {
-            assert!(p.values.iter().any(|v| *v != 0.0), "{name}: parameter {i} has no gradient");
-        }
-        for kept in [0, 1, 7, 1 << 12] {
-            assert!(run(Some(kept)) == found, "{name}, {kept} reports of a path");
-        }
+        same_whatever_is_kept(name, &mut adjoint, &weights(), &[0, 1, 7, 1 << 12]);
     }
 }
