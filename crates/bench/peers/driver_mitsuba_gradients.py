@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from denoise_scenes import coordinates, smooth
+from denoise_scenes import coordinates, diffuse, floor, lamp, number, rgb, smooth
 from driver_mitsuba import FILTERS, SAMPLERS, ready, variant, versions
 from harness import ROOT, WORK, markdown, program
 
@@ -21,10 +21,13 @@ WEIGHTS = ["random", "1"]
 BOX = ROOT / "assets" / "box.xml"
 PLATE = WORK / "plate" / "plate.xml"
 CLOUD = WORK / "plate" / "cloud.xml"
+# Media under a lamp: a grid whose voxels differ at random, thin and thick, and a thick ball that is the same everywhere.
+MIST, SMOKE, BALL = (WORK / "plate" / f"{name}.xml" for name in ["mist", "smoke", "ball"])
 # Scenes of the suite `recover`.
 SCENES = ROOT / "crates" / "bench" / "src" / "suites" / "recover"
-# Texels along the side of the plate, and pixels of its picture; voxels along a side of the cloud.
-TEXELS, PIXELS, VOXELS = 512, 256, 64
+# Texels along the side of the plate, and pixels of its picture; voxels along a side of the grids of each scene.
+TEXELS, PIXELS = 512, 256
+VOXELS = {CLOUD: 64, MIST: 16, SMOKE: 16}
 # Voxels along the side of the blocks whose sums are compared, with more runs of ours for their standard errors: estimates of
 # single voxels that few paths meet are far from normal.
 BLOCK, BLOCK_SEEDS = 8, 16
@@ -40,6 +43,12 @@ CASES = [
     (PLATE, "metal.alpha.data", ".alpha.data", 3, ["as it is"]),
     (CLOUD, "fog.sigma_t.data", "sigma_t.data", 15, ["as it is"]),
     (CLOUD, "fog.albedo.data", "albedo.data", 15, ["as it is"]),
+    (MIST, "fog.sigma_t.data", "sigma_t.data", 32, ["as it is"]),
+    (MIST, "fog.albedo.data", "albedo.data", 32, ["as it is"]),
+    (SMOKE, "fog.sigma_t.data", "sigma_t.data", 32, ["as it is"]),
+    (SMOKE, "fog.albedo.data", "albedo.data", 32, ["as it is"]),
+    (BALL, "fog.sigma_t.value.value", "interior_medium.sigma_t.value.value", 32, ["as it is"]),
+    (BALL, "fog.albedo.value.value", "interior_medium.albedo.value.value", 32, ["as it is"]),
 ]
 
 
@@ -64,13 +73,18 @@ def write_plate(mi):
     PLATE.write_text(scene.read_text().replace("{PIXELS}", str(PIXELS)))
 
 
+def centres(n):
+    """Centres of the voxels of a grid in the unit cube, n x n x n x 3."""
+    z, y, x = np.meshgrid(*[(np.arange(n) + 0.5) / n] * 3, indexing="ij")
+    return np.stack([x, y, z], -1)
+
+
 def write_cloud(mi):
     """A cloud with bumps and coloured albedo under the same sky, as the suite `recover` has it, other bumps aside.
 
     Its density is nowhere 0, and at Mitsuba's upper bound in one corner alone: Mitsuba's derivatives are wrong at both.
     """
-    z, y, x = ((np.arange(VOXELS) + 0.5) / VOXELS).reshape(-1, 1, 1), *(coordinate + 0.5 / VOXELS for coordinate in coordinates(VOXELS))
-    place = np.stack(np.broadcast_arrays(x, y, z), -1)
+    place = centres(VOXELS[CLOUD])
     radius = np.linalg.norm(place - 0.5, axis=-1)
     numbers = np.random.default_rng(5)
     bumps = np.zeros(radius.shape)
@@ -83,10 +97,34 @@ def write_cloud(mi):
     # One corner alone holds the upper bound.
     density[0, 0, 0] = 1.2
     albedo = np.stack([0.35 + 0.6 * place[..., 0], 0.9 - 0.5 * place[..., 1], 0.3 + 0.6 * place[..., 2]], -1)
-    for values, name in [(density[..., None], "density.vol"), (albedo, "albedo.vol")]:
-        mi.VolumeGrid(np.ascontiguousarray(values, np.float32)).write(str(CLOUD.with_name(name)))
+    save_grids(mi, density, albedo, "density.vol", "albedo.vol")
     scene = SCENES / CLOUD.name
     CLOUD.write_text(scene.read_text().replace("{PIXELS}", str(PIXELS // 2)))
+
+
+def save_grids(mi, density, albedo, *names):
+    for values, name in zip([density[..., None], albedo], names):
+        mi.VolumeGrid(np.ascontiguousarray(values, np.float32)).write(str(CLOUD.with_name(name)))
+
+
+def write_media(mi):
+    """Media between surfaces above a floor under a lamp: grids of a mean thickness of about .2 and 12, a ball of 8; of grey extinction, as Mitsuba's derivatives of coloured are off."""
+    place = centres(VOXELS[SMOKE])
+    numbers = np.random.default_rng(11)
+    density = numbers.uniform(0.05, 0.9, place.shape[:-1])
+    density[0, 0, 0] = 1
+    albedo = np.stack([0.95 - 0.4 * place[..., 2], 0.5 + 0.45 * place[..., 0], 0.3 + 0.5 * place[..., 1]], -1)
+    save_grids(mi, density, albedo, "random.vol", "random_albedo.vol")
+    scene = (SCENES / CLOUD.name).read_text().replace("{PIXELS}", str(PIXELS // 4))
+    head, grids = (part.replace("density.vol", "random.vol").replace("albedo.vol", "random_albedo.vol") for part in scene.split('<emitter type="envmap">'))
+    grids = grids[grids.index("<shape") : grids.index("</scene>")]
+    phase = lambda g: f'<phase type="hg">{number("g", g)}</phase></medium>'
+    even = f'<medium type="homogeneous" name="interior" id="fog">{number("scale", 4)}{rgb("sigma_t", 1)}{rgb("albedo", 0.95, 0.8, 0.6)}{phase(-0.3)}'
+    of_scale = lambda factor: grids.replace(number("scale", 8), number("scale", factor)).replace("</medium>", phase(0.5))
+    lit = floor(4, diffuse(0.4, 0.55, 0.5), y=-1.2) + lamp(-0.5, 2.4, 0.4, 0.7, 9, 11, 12)
+    media = {MIST: of_scale(0.2), SMOKE: of_scale(12), BALL: f'<shape type="sphere"><bsdf type="null"/>{even}</shape>'}
+    for file, medium in media.items():
+        file.write_text(f"{head}{medium}{lit}</scene>\n")
 
 
 def limit(values):
@@ -101,7 +139,7 @@ def limit(values):
 def theirs(mi, dr, path, ending, events, weights):
     """Estimates of the gradient, and CPU seconds of each."""
     scene = mi.load_file(path)
-    kind = "prbvolpath" if scene.shapes()[0].interior_medium() else "prb"
+    kind = "prbvolpath" if any(shape.interior_medium() for shape in scene.shapes()) else "prb"
     integrator = mi.load_dict({"type": kind, "max_depth": events + 1, "rr_depth": 5})
     params = mi.traverse(scene)
     key = next(k for k in params.keys() if k.endswith(ending))
@@ -145,9 +183,9 @@ def spread(found):
     return found.mean(0), found.std(0, ddof=1) / len(found) ** 0.5
 
 
-def blocks(found):
-    """Sums over blocks of voxels of each of some estimates of a grid."""
-    parts = found.reshape(len(found), *[VOXELS // BLOCK, BLOCK] * 3, -1)
+def blocks(found, path):
+    """Sums over blocks of voxels of each of some estimates of the grid of a scene."""
+    parts = found.reshape(len(found), *[VOXELS[path] // BLOCK, BLOCK] * 3, -1)
     return parts.sum((2, 4, 6)).reshape(len(found), -1)
 
 
@@ -165,7 +203,7 @@ def of_case(mi, dr, case, reconstruction, kind):
         shape = (size[1], size[0], 3)
         weights = np.random.default_rng(1).normal(size=shape) if kind == "random" else np.ones(shape)
         weights = weights.astype(np.float32)
-        in_blocks = path == CLOUD
+        in_blocks = path in VOXELS
         seeds, error, seconds = ours(mi, file, our_key, events, weights, BLOCK_SEEDS if in_blocks else SEEDS)
     own = (seeds.mean(0), error)
     first = None
@@ -173,7 +211,7 @@ def of_case(mi, dr, case, reconstruction, kind):
         with variant(path, reconstruction, sampler) as file:
             found, each = theirs(mi, dr, file, their_key, events, weights)
         other, time_of_theirs = spread(found), each * ESTIMATES
-        compared = (spread(blocks(seeds)), spread(blocks(found))) if in_blocks else (own, other)
+        compared = (spread(blocks(seeds, path)), spread(blocks(found, path))) if in_blocks else (own, other)
         first = first or compared[1]
         seen = (own[1] > 0) & (other[1] > 0)
         ratio = float((own[1][seen] ** 2).sum() / (other[1][seen] ** 2).sum())
@@ -193,14 +231,16 @@ def table():
 
     write_plate(mi)
     write_cloud(mi)
+    write_media(mi)
     rows = []
     for case in CASES:
         for reconstruction in case[-1]:
             for kind in WEIGHTS:
                 rows += of_case(mi, dr, case, reconstruction, kind)
+    in_blocks = [path.name for path in VOXELS]
     # Mitsuba's first sampler, whose numbers are independent, judges.
     judged = [row for row in rows if row[4] == SAMPLERS[0]]
-    apart = [", ".join(map(str, [*row[1:5], row[-2]])) for row in judged if not row[-2] <= limit(row[5] // BLOCK**3 if row[0] == CLOUD.name else row[5])]
+    apart = [", ".join(map(str, [*row[1:5], row[-2]])) for row in judged if not row[-2] <= limit(row[5] // BLOCK**3 if row[0] in in_blocks else row[5])]
     head = [
         "scene", "parameter", "filter", "weights", "Mitsuba's sampler", "values", "variance, ours / Mitsuba",
         "ours: CPU s", "Mitsuba: CPU s", "variance x time, ours / Mitsuba", "mean squared z",

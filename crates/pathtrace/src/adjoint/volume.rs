@@ -7,11 +7,13 @@
 //!   any density.
 //! - *Scattering* towards the path, `T d(sigma_t a) L_s` at every distance of a flight. Collisions sample it by
 //!   `T sigma_t`, with `R d sigma_t / sigma_t`: none where there is nothing yet. Distances drawn by `T` alone sample it
-//!   anywhere, with light gathered for them by a path of their own, for one flight per path, chosen by throughput and
-//!   length. Both are weighted by what adds up to 1 at each point: `sigma_t / (sigma_t + c)` and `c / (sigma_t + c)`,
-//!   with `c` one over the length of the flight's way in the medium. So no estimate is divided by a density that may be 0,
-//!   and thin media, in which paths seldom collide, are told by distances.
-//! - *Albedo*: collisions count `sigma_t / (sigma_t + c) a / (a + b)`, distances the rest; `b` is 0 but where albedos are small.
+//!   anywhere, with light gathered for them by a path of their own, for one flight per path, chosen by what there is to
+//!   tell. Both are weighted by what adds up to 1 at each point (the power heuristic, Veach 1997):
+//!   `sigma_t^2 / (sigma_t^2 + c^2)` and the rest, with `c` one over the length of the flight's way in the medium. So no
+//!   estimate is divided by a density that may be 0, and thin media, in which paths seldom collide, are told by
+//!   distances. Where these count less than a collision, roulette leaves them out.
+//! - *Albedo*: collisions count `sigma_t^2 / (sigma_t^2 + c^2) a^2 / (a^2 + b^2)`, distances the rest; `b` is 0 but where
+//!   albedos are small.
 //! - *Emission* at the points where the path looks it up; what dims it there is told as that of a shadow ray.
 
 use super::layout::NONE;
@@ -107,17 +109,22 @@ impl Replay<'_> {
             derivatives.extinction_vjp(p, g, |voxel, g| out.add(offset(cells.extinction, voxel), g));
         }
         if cells.albedo != NONE {
-            let g = over(g.mul(share(sigma, c)), derivatives.albedo(p), b);
+            let g = over(g.mul(shares(sigma, c)), derivatives.albedo(p), b);
             derivatives.albedo_vjp(p, g, |voxel, g| out.add(offset(cells.albedo, voxel), g));
         }
     }
 
-    /// Chooses among the flights of a path, by throughput and length, one at which light is gathered anew.
+    /// Chooses among the flights of a path, by throughput, length and what collisions leave untold, one at which light is
+    /// gathered anew.
     fn consider(&mut self, flight: &MediaFlight, medium: MediumRef) {
         let whole = segment(flight, flight.end);
-        let Some(reach) = Derivatives::of(self.world, medium).reach(&whole) else { return };
+        let derivatives = Derivatives::of(self.world, medium);
+        let Some(reach) = derivatives.reach(&whole) else { return };
+        let dark = self.layout.medium(medium).dark_albedo > 0.0;
         let Some(rng) = &mut self.media.rng else { return };
-        let weight = flight.throughput.sum() * reach;
+        // Never 0, however thick: what is left to tell lies in thin parts then.
+        let left = 1.0 / (1.0 + (derivatives.mean_extinction() * reach).powi(2));
+        let weight = flight.throughput.sum() * reach * if dark { left.max(0.5) } else { left };
         if !(weight > 0.0 && weight.is_finite()) {
             return;
         }
@@ -147,22 +154,36 @@ impl Replay<'_> {
             let along = segment(&flight, t);
             g = g.mul(Derivatives::of(self.world, other).transmittance(&along, rng));
         }
+        let cells = *self.layout.medium(medium);
+        let (sigma, albedo) = (derivatives.extinction(p), derivatives.albedo(p));
+        let one = Vec3f::splat(1.0);
+        // What is left to tell of the extinction and of the albedo.
+        let by_collisions = shares(sigma, 1.0 / reach);
+        let left =
+            [by_collisions, by_collisions.mul(shares(albedo, cells.dark_albedo))].map(|told| one - told);
+        let asked = [cells.extinction, cells.albedo].map(|cell| cell != NONE);
+        let most = (0..2).filter(|i| asked[*i]).map(|i| left[i].to_array().into_iter().fold(0.0, f32::max));
+        // A collision counts 1.
+        let survives = most.fold(0.0, f32::max) * (self.media.total / weight);
+        if survives < 1.0 {
+            if rng.next_f32() >= survives {
+                return;
+            }
+            g = g * (1.0 / survives);
+        }
         if g == Vec3f::zero() {
             return;
         }
         let at = (&flight, t, derivatives.g());
         let light = gathered::<F, D>(self.world, at, &random.branch(), options, sampler);
         let g = g.mul(light);
-        let cells = *self.layout.medium(medium);
-        let (sigma, albedo, c) = (derivatives.extinction(p), derivatives.albedo(p), 1.0 / reach);
         let out = &mut *self.out;
-        if cells.extinction != NONE {
-            let g = over(g.mul(albedo) * c, sigma, c);
+        if asked[0] {
+            let g = g.mul(albedo).mul(left[0]);
             derivatives.extinction_vjp(p, g, |voxel, g| out.add(offset(cells.extinction, voxel), g));
         }
-        if cells.albedo != NONE {
-            let collisions = share(sigma, c).mul(share(albedo, cells.dark_albedo));
-            let g = g.mul(sigma).mul(Vec3f::splat(1.0) - collisions);
+        if asked[1] {
+            let g = g.mul(sigma).mul(left[1]);
             derivatives.albedo_vjp(p, g, |voxel, g| out.add(offset(cells.albedo, voxel), g));
         }
     }
@@ -173,18 +194,25 @@ fn segment(flight: &MediaFlight, length: f32) -> Segment {
     Segment { origin: flight.origin, direction: flight.direction, length }
 }
 
-/// `value / (value + reference)` per channel: what collisions tell.
-fn share(value: Vec3f, reference: f32) -> Vec3f {
-    over(value, value, reference)
+/// `value^2 / (value^2 + reference^2)`: what collisions tell; 0 where both are 0.
+#[inline]
+fn share(value: f32, reference: f32) -> f32 {
+    if value > 0.0 { 1.0 / (1.0 + (reference / value).powi(2)) } else { 0.0 }
 }
 
-/// `g / (value + reference)` per channel; 0 where both are 0.
+/// [`share`] per channel.
+#[inline]
+fn shares(value: Vec3f, reference: f32) -> Vec3f {
+    value.map(|v| share(v, reference))
+}
+
+/// `g` times the [`share`] over the value, per channel; 0 where that is 0.
+#[inline]
 fn over(g: Vec3f, value: Vec3f, reference: f32) -> Vec3f {
     let mut out = Vec3f::zero();
     for c in 0..3 {
-        let divisor = value[c] + reference;
-        if divisor > 0.0 {
-            out[c] = g[c] / divisor;
+        if value[c] > 0.0 {
+            out[c] = g[c] * share(value[c], reference) / value[c];
         }
     }
     out

@@ -7,6 +7,7 @@ mod emission;
 mod grids;
 mod table;
 mod tapes;
+mod thick;
 
 use super::scenes::{diffuse, looking, place, quad, square, unit_cube_size};
 use crate::{

@@ -78,6 +78,14 @@ impl<'a> Derivatives<'a> {
         }
     }
 
+    /// Extinction, the mean of all voxels and channels.
+    pub(crate) fn mean_extinction(self) -> f32 {
+        match self.grid() {
+            Some(grid) => grid.mean_extinction(),
+            None => self.extinction(Vec3f::zero()).sum() / 3.0,
+        }
+    }
+
     /// Adjoint of [`Self::extinction`] with respect to the values before their scale; `add` gets cells and gradients, of
     /// grids in the first channel.
     pub(crate) fn extinction_vjp(self, p: Vec3f, g: Vec3f, mut add: impl FnMut(usize, Vec3f)) {

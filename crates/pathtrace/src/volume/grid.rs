@@ -63,6 +63,7 @@ pub(crate) struct Medium {
     transform: DAffine3,
     /// Extinction per unit of length.
     extinction: Vec<f32>,
+    mean_extinction: f32,
     /// Density as it was given, where the scale is not 1; else it is the extinction.
     given: Vec<f32>,
     albedo: Vec3f,
@@ -122,6 +123,7 @@ impl Medium {
             scale: volume.scale,
             transform: volume.transform,
             extinction: Vec::new(),
+            mean_extinction: 0.0,
             given: Vec::new(),
             albedo: volume.albedo,
             albedos: volume.albedos,
@@ -168,6 +170,8 @@ impl Medium {
         }
         self.majorants = majorants(&extinction, self.size, self.cells);
         self.majorants.iter_mut().for_each(|m| *m *= factor);
+        let sum: f64 = extinction.iter().map(|e| f64::from(*e)).sum();
+        self.mean_extinction = (sum / extinction.len() as f64) as f32;
         self.extinction = extinction;
         self.given = if self.scale == 1.0 { Vec::new() } else { density.to_vec() };
         Ok(())
@@ -176,6 +180,11 @@ impl Medium {
     /// Extinction of density 1.
     pub(super) fn scale(&self) -> f32 {
         self.scale
+    }
+
+    /// Extinction per unit of length, the mean of all voxels.
+    pub(super) fn mean_extinction(&self) -> f32 {
+        self.mean_extinction
     }
 
     /// The longest side of its box in the world.
