@@ -8,7 +8,7 @@
 //! - *Scattering* towards the path, `T d(sigma_t a) L_s` at every distance of a flight. Collisions sample it by
 //!   `T sigma_t`, with `R d sigma_t / sigma_t`: none where there is nothing yet. Distances drawn by `T` alone sample it
 //!   anywhere, with light gathered for them by a path of their own, for one flight per path, chosen by what there is to
-//!   tell. Both are weighted by what adds up to 1 at each point (the power heuristic, Veach 1997):
+//!   tell. Both are weighted by what adds up to 1 at each point (the power heuristic, Veach and Guibas 1995):
 //!   `sigma_t^2 / (sigma_t^2 + c^2)` and the rest, with `c` one over the length of the flight's way in the medium. So no
 //!   estimate is divided by a density that may be 0, and thin media, in which paths seldom collide, are told by
 //!   distances. Where these count less than a collision, roulette leaves them out.
