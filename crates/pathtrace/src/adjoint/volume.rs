@@ -169,7 +169,7 @@ impl Replay<'_> {
             if rng.next_f32() >= survives {
                 return;
             }
-            g = g * (1.0 / survives);
+            g *= 1.0 / survives;
         }
         if g == Vec3f::zero() {
             return;
