@@ -108,7 +108,7 @@ def save_grids(mi, density, albedo, *names):
 
 
 def write_media(mi):
-    """Media between surfaces above a floor under a lamp: grids of a mean thickness of about .2 and 12, a ball of 8; of grey extinction, as Mitsuba's derivatives of coloured are off."""
+    """Media between surfaces above a floor under a lamp: grids of a mean thickness of about .2 and 11, a ball of 8; of grey extinction, as Mitsuba's derivatives of coloured are off."""
     place = centres(VOXELS[SMOKE])
     numbers = np.random.default_rng(11)
     density = numbers.uniform(0.05, 0.9, place.shape[:-1])
@@ -118,9 +118,11 @@ def write_media(mi):
     scene = (SCENES / CLOUD.name).read_text().replace("{PIXELS}", str(PIXELS // 4))
     head, grids = (part.replace("density.vol", "random.vol").replace("albedo.vol", "random_albedo.vol") for part in scene.split('<emitter type="envmap">'))
     grids = grids[grids.index("<shape") : grids.index("</scene>")]
+    eight = number("scale", 8)
+    assert grids.count(eight) == 1 and grids.count("random") == 2, grids
     phase = lambda g: f'<phase type="hg">{number("g", g)}</phase></medium>'
     even = f'<medium type="homogeneous" name="interior" id="fog">{number("scale", 4)}{rgb("sigma_t", 1)}{rgb("albedo", 0.95, 0.8, 0.6)}{phase(-0.3)}'
-    of_scale = lambda factor: grids.replace(number("scale", 8), number("scale", factor)).replace("</medium>", phase(0.5))
+    of_scale = lambda factor: grids.replace(eight, number("scale", factor)).replace("</medium>", phase(0.5))
     lit = floor(4, diffuse(0.4, 0.55, 0.5), y=-1.2) + lamp(-0.5, 2.4, 0.4, 0.7, 9, 11, 12)
     media = {MIST: of_scale(0.2), SMOKE: of_scale(12), BALL: f'<shape type="sphere"><bsdf type="null"/>{even}</shape>'}
     for file, medium in media.items():

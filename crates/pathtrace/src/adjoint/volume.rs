@@ -8,10 +8,11 @@
 //! - *Scattering* towards the path, `T d(sigma_t a) L_s` at every distance of a flight. Collisions sample it by
 //!   `T sigma_t`, with `R d sigma_t / sigma_t`: none where there is nothing yet. Distances drawn by `T` alone sample it
 //!   anywhere, with light gathered for them by a path of their own, for one flight per path, chosen by what there is to
-//!   tell. Both are weighted by what adds up to 1 at each point (the power heuristic, Veach and Guibas 1995):
+//!   tell. Both are weighted by what adds up to 1 at each point (in the form of the power heuristic, Veach and Guibas
+//!   1995; `c` stands for the density of distances, and is not it):
 //!   `sigma_t^2 / (sigma_t^2 + c^2)` and the rest, with `c` one over the length of the flight's way in the medium. So no
 //!   estimate is divided by a density that may be 0, and thin media, in which paths seldom collide, are told by
-//!   distances. Where these count less than a collision, roulette leaves them out.
+//!   distances. Where these count less than about a collision, roulette leaves them out.
 //! - *Albedo*: collisions count `sigma_t^2 / (sigma_t^2 + c^2) a^2 / (a^2 + b^2)`, distances the rest; `b` is 0 but where
 //!   albedos are small.
 //! - *Emission* at the points where the path looks it up; what dims it there is told as that of a shadow ray.
@@ -19,7 +20,7 @@
 use super::layout::NONE;
 use super::replay::{Replay, offset};
 use crate::integrator::medium::{absorbed, gathered};
-use crate::integrator::{MediaFlight, PathOptions, ShadowFlight};
+use crate::integrator::{MediaFlight, PathOptions, ShadowFlight, brightest};
 use crate::random::PathRandom;
 use crate::volume::{Derivatives, MediumRef, Segment};
 use photofit_sampling::{DirectionSampler, Rng};
@@ -122,7 +123,7 @@ impl Replay<'_> {
         let Some(reach) = derivatives.reach(&whole) else { return };
         let dark = self.layout.medium(medium).dark_albedo > 0.0;
         let Some(rng) = &mut self.media.rng else { return };
-        // Never 0, however thick: what is left to tell lies in thin parts then.
+        // As one minus the share, but not rounded to 0 where a medium is thick: what is left to tell lies in its thin parts.
         let left = 1.0 / (1.0 + (derivatives.mean_extinction() * reach).powi(2));
         let weight = flight.throughput.sum() * reach * if dark { left.max(0.5) } else { left };
         if !(weight > 0.0 && weight.is_finite()) {
@@ -154,36 +155,34 @@ impl Replay<'_> {
             let along = segment(&flight, t);
             g = g.mul(Derivatives::of(self.world, other).transmittance(&along, rng));
         }
+        if g == Vec3f::zero() {
+            return;
+        }
         let cells = *self.layout.medium(medium);
         let (sigma, albedo) = (derivatives.extinction(p), derivatives.albedo(p));
-        let one = Vec3f::splat(1.0);
-        // What is left to tell of the extinction and of the albedo.
-        let by_collisions = shares(sigma, 1.0 / reach);
-        let left =
-            [by_collisions, by_collisions.mul(shares(albedo, cells.dark_albedo))].map(|told| one - told);
-        let asked = [cells.extinction, cells.albedo].map(|cell| cell != NONE);
-        let most = (0..2).filter(|i| asked[*i]).map(|i| left[i].to_array().into_iter().fold(0.0, f32::max));
-        // A collision counts 1.
-        let survives = most.fold(0.0, f32::max) * (self.media.total / weight);
+        // What collisions leave to tell of the extinction and of the albedo; nothing of what is not asked for.
+        let told = shares(sigma, 1.0 / reach);
+        let rest = |cell, told| if cell == NONE { Vec3f::zero() } else { Vec3f::splat(1.0) - told };
+        let of_extinction = rest(cells.extinction, told);
+        let of_albedo = rest(cells.albedo, told.mul(shares(albedo, cells.dark_albedo)));
+        // About 1 for a collision.
+        let survives = brightest(of_extinction.max(of_albedo)) * (self.media.total / weight);
         if survives < 1.0 {
             if rng.next_f32() >= survives {
                 return;
             }
             g *= 1.0 / survives;
         }
-        if g == Vec3f::zero() {
-            return;
-        }
         let at = (&flight, t, derivatives.g());
         let light = gathered::<F, D>(self.world, at, &random.branch(), options, sampler);
         let g = g.mul(light);
         let out = &mut *self.out;
-        if asked[0] {
-            let g = g.mul(albedo).mul(left[0]);
+        if cells.extinction != NONE {
+            let g = g.mul(albedo).mul(of_extinction);
             derivatives.extinction_vjp(p, g, |voxel, g| out.add(offset(cells.extinction, voxel), g));
         }
-        if asked[1] {
-            let g = g.mul(sigma).mul(left[1]);
+        if cells.albedo != NONE {
+            let g = g.mul(sigma).mul(of_albedo);
             derivatives.albedo_vjp(p, g, |voxel, g| out.add(offset(cells.albedo, voxel), g));
         }
     }
@@ -206,7 +205,7 @@ fn shares(value: Vec3f, reference: f32) -> Vec3f {
     value.map(|v| share(v, reference))
 }
 
-/// `g` times the [`share`] over the value, per channel; 0 where that is 0.
+/// `g` times the [`share`] over the value, per channel; 0 where the value is 0.
 #[inline]
 fn over(g: Vec3f, value: Vec3f, reference: f32) -> Vec3f {
     let mut out = Vec3f::zero();
