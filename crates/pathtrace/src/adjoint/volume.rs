@@ -115,22 +115,26 @@ impl Replay<'_> {
         }
     }
 
-    /// Chooses among the flights of a path, by throughput, length and what collisions leave untold, one at which light is
-    /// gathered anew.
+    /// Chooses among the flights of a path, by length, throughput and how much of it collisions leave to tell, one at which
+    /// light is gathered anew.
     fn consider(&mut self, flight: &MediaFlight, medium: MediumRef) {
         let whole = segment(flight, flight.end);
         let derivatives = Derivatives::of(self.world, medium);
         let Some(reach) = derivatives.reach(&whole) else { return };
-        let dark = self.layout.medium(medium).dark_albedo > 0.0;
+        let cells = *self.layout.medium(medium);
         let Some(rng) = &mut self.media.rng else { return };
-        // As one minus the share, but not rounded to 0 where a medium is thick: what is left to tell lies in its thin parts.
-        let left = 1.0 / (1.0 + (derivatives.mean_extinction() * reach).powi(2));
-        let weight = flight.throughput.sum() * reach * if dark { left.max(0.5) } else { left };
-        if !(weight > 0.0 && weight.is_finite()) {
+        let mut untold = derivatives.untold(reach, flight.throughput);
+        if cells.albedo != NONE && cells.dark_albedo > 0.0 {
+            // However thick the medium is, collisions tell little of albedos near 0.
+            untold = untold.max(0.5 * flight.throughput.sum());
+        }
+        let weight = reach * untold;
+        let total = self.media.total + weight;
+        if !(weight > 0.0 && total.is_finite()) {
             return;
         }
-        self.media.total += weight;
-        if rng.next_f32() * self.media.total < weight {
+        self.media.total = total;
+        if rng.next_f32() * total < weight {
             self.media.chosen = Some(Chosen { flight: *flight, medium, weight, reach });
         }
     }
@@ -160,11 +164,17 @@ impl Replay<'_> {
         }
         let cells = *self.layout.medium(medium);
         let (sigma, albedo) = (derivatives.extinction(p), derivatives.albedo(p));
-        // What collisions leave to tell of the extinction and of the albedo; nothing of what is not asked for.
+        // What collisions leave to tell of the extinction and of the albedo; nothing of what is not asked for, nor of what
+        // scatters nothing.
         let told = shares(sigma, 1.0 / reach);
-        let rest = |cell, told| if cell == NONE { Vec3f::zero() } else { Vec3f::splat(1.0) - told };
-        let of_extinction = rest(cells.extinction, told);
-        let of_albedo = rest(cells.albedo, told.mul(shares(albedo, cells.dark_albedo)));
+        let rest = |cell, told, other: Vec3f| {
+            let scatters = |c: usize| cell != NONE && other[c] > 0.0;
+            let mut rest = Vec3f::splat(1.0) - told;
+            (0..3).filter(|c| !scatters(*c)).for_each(|c| rest[c] = 0.0);
+            rest
+        };
+        let of_extinction = rest(cells.extinction, told, albedo);
+        let of_albedo = rest(cells.albedo, told.mul(shares(albedo, cells.dark_albedo)), sigma);
         // About 1 for a collision.
         let survives = brightest(of_extinction.max(of_albedo)) * (self.media.total / weight);
         if survives < 1.0 {

@@ -6,6 +6,7 @@
 //! sampled where light could be scattered, also where there is nothing yet ([`Derivatives::sample`]).
 
 use super::bounded::{Extinction, of_chosen, survival};
+use super::untold::untold;
 use super::{InteriorMedium, Medium, MediumRef, Segment};
 use crate::world::World;
 use photofit_sampling::Rng;
@@ -78,11 +79,11 @@ impl<'a> Derivatives<'a> {
         }
     }
 
-    /// Extinction, the mean of all voxels and channels.
-    pub(crate) fn mean_extinction(self) -> f32 {
+    /// How much of `throughput` collisions leave to tell on a way in the medium, on average over its points.
+    pub(crate) fn untold(self, way: f32, throughput: Vec3f) -> f32 {
         match self.grid() {
-            Some(grid) => grid.mean_extinction(),
-            None => self.extinction(Vec3f::zero()).sum() / 3.0,
+            Some(grid) => grid.untold.at(way) * throughput.sum(),
+            None => self.extinction(Vec3f::zero()).map(|s| untold(s * way)).dot(throughput),
         }
     }
 
@@ -174,11 +175,11 @@ impl<'a> Derivatives<'a> {
 
     /// The albedo at which collisions count half of what they count otherwise for its derivative; 0: as much as otherwise at any.
     pub(crate) fn dark_albedo(self) -> f32 {
-        let values = match self {
-            Self::Volume(medium) => medium.albedos(),
-            Self::Bounded(medium) => medium.albedo.values(),
+        let (values, factor) = match self {
+            Self::Volume(medium) => (medium.albedos(), medium.factor_of_albedos()),
+            Self::Bounded(medium) => (medium.albedo.values(), Vec3f::splat(1.0)),
         };
-        let dark = values.iter().any(|a| a.to_array().iter().any(|x| *x < DARK));
+        let dark = values.iter().any(|a| a.mul(factor).to_array().iter().any(|x| *x < DARK));
         if dark { DARK_HALF } else { 0.0 }
     }
 }

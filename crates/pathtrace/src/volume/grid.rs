@@ -1,6 +1,7 @@
 //! A medium on a grid, and the coarse grid of upper bounds that its tracking walks.
 
 use super::field::Lookup;
+use super::untold::Untold;
 use super::{Field, emission};
 use crate::PathtraceError;
 use crate::error::invalid;
@@ -9,6 +10,8 @@ use photofit_scalar::{Vec3f, vec3};
 
 /// Voxels per side of a cell of upper bounds.
 const BLOCK: usize = 4;
+/// Largest optical thickness of the longest side of a grid that varies.
+const MAX_THICKNESS: f32 = 1e6;
 /// Largest number of voxels.
 pub(super) const MAX_VOXELS: usize = 1 << 30;
 
@@ -63,7 +66,8 @@ pub(crate) struct Medium {
     transform: DAffine3,
     /// Extinction per unit of length.
     extinction: Vec<f32>,
-    mean_extinction: f32,
+    /// What collisions leave to tell.
+    pub(super) untold: Untold,
     /// Density as it was given, where the scale is not 1; else it is the extinction.
     given: Vec<f32>,
     albedo: Vec3f,
@@ -123,7 +127,7 @@ impl Medium {
             scale: volume.scale,
             transform: volume.transform,
             extinction: Vec::new(),
-            mean_extinction: 0.0,
+            untold: Untold::new(&[]),
             given: Vec::new(),
             albedo: volume.albedo,
             albedos: volume.albedos,
@@ -168,10 +172,19 @@ impl Medium {
                 self.scale
             ));
         }
+        // Where neighbours differ, tracking takes as many steps as the thickest of them is thick.
+        let bound = MAX_THICKNESS / (self.extent() * factor);
+        if let Some(i) = extinction.iter().position(|e| *e > bound).filter(|_| extinction.len() > 1) {
+            let found = density[i];
+            return fail(format!(
+                "density of voxel {:?} is {found:e}, which makes the box's longest side {:e} mean free paths long; it must be at most {MAX_THICKNESS:e}",
+                (i % nx, i / nx % ny, i / nx / ny),
+                extinction[i] * self.extent()
+            ));
+        }
         self.majorants = majorants(&extinction, self.size, self.cells);
         self.majorants.iter_mut().for_each(|m| *m *= factor);
-        let sum: f64 = extinction.iter().map(|e| f64::from(*e)).sum();
-        self.mean_extinction = (sum / extinction.len() as f64) as f32;
+        self.untold = Untold::new(&extinction);
         self.extinction = extinction;
         self.given = if self.scale == 1.0 { Vec::new() } else { density.to_vec() };
         Ok(())
@@ -180,11 +193,6 @@ impl Medium {
     /// Extinction of density 1.
     pub(super) fn scale(&self) -> f32 {
         self.scale
-    }
-
-    /// Extinction per unit of length, the mean of all voxels.
-    pub(super) fn mean_extinction(&self) -> f32 {
-        self.mean_extinction
     }
 
     /// The longest side of its box in the world.
@@ -201,6 +209,11 @@ impl Medium {
     /// Albedo of every voxel; without those the one of all.
     pub(crate) fn albedos(&self) -> &[Vec3f] {
         if self.albedos.is_empty() { std::slice::from_ref(&self.albedo) } else { &self.albedos }
+    }
+
+    /// What multiplies [`Self::albedos`].
+    pub(super) fn factor_of_albedos(&self) -> Vec3f {
+        if self.albedos.is_empty() { vec3(1.0, 1.0, 1.0) } else { self.albedo }
     }
 
     /// Replaces what [`Self::albedos`] says; on an error everything is as it was.
@@ -262,7 +275,7 @@ impl Medium {
         }
         let (at, weight) = taps(self.size, q);
         let sum = (0..8).fold(vec3(0.0, 0.0, 0.0), |s, i| s + self.albedos[at[i]] * weight[i]);
-        sum.mul(self.albedo)
+        sum.mul(self.factor_of_albedos())
     }
 
     /// Adjoint of [`Self::albedo`] with respect to [`Self::albedos`], for its gradient `g`.
@@ -271,7 +284,7 @@ impl Medium {
         if self.albedos.is_empty() {
             return add(0, g);
         }
-        let g = g.mul(self.albedo);
+        let g = g.mul(self.factor_of_albedos());
         let (at, weight) = taps(self.size, q);
         (0..8).filter(|i| weight[*i] != 0.0).for_each(|i| add(at[i], g * weight[i]));
     }

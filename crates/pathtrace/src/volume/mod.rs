@@ -9,6 +9,7 @@ mod media;
 mod parameter;
 mod phase;
 mod track;
+mod untold;
 
 pub use bounded::BoundedMedium;
 pub use field::Field;

@@ -1,6 +1,8 @@
-//! Noise of gradients in thick media: light gathered along flights must not add to it where collisions tell enough.
+//! Thick media: gradients against differences, and their noise, to which light gathered along flights must not add where
+//! collisions tell enough.
 
 use super::*;
+use crate::ParameterGradient;
 
 const N: usize = 6;
 
@@ -40,4 +42,84 @@ fn noise_in_thick_media() {
     println!("variance over the square: albedo {albedo:.4}, extinction {extinction:.4}");
     // Where flights are chosen by throughput and length alone, .037 and 1.6.
     assert!(albedo < 0.028 && extinction < 1.0, "{albedo:.4}, {extinction:.4}");
+}
+
+/// [`smoke`] with empty voxels, and with albedos down to 0 in one colour.
+fn broken_smoke(kind: Kind) -> Cloud {
+    let smoke = smoke();
+    let density = smoke.density.iter().enumerate().map(|(i, d)| if i % 7 == 3 { 0.0 } else { *d }).collect();
+    let dark = |(i, a): (usize, &Vec3f)| vec3(a.x, a.y, 0.3 * noise(i as u64, 12));
+    let albedo = smoke.albedo.iter().enumerate().map(dark).collect();
+    Cloud { kind, density, albedo, ..smoke }
+}
+
+/// A thin grid with a few thick voxels.
+fn sparse(kind: Kind) -> Cloud {
+    let density = (0..N.pow(3) as u64).map(|i| if i % 29 == 0 { 5.0 } else { 0.01 * noise(i, 10) }).collect();
+    Cloud { kind, density, ..smoke() }
+}
+
+/// Extinction and albedo, asked for at once, along one direction each, against differences.
+fn check(name: &str, cloud: &Cloud, [spp, reference]: [u32; 2], resolved: f64) {
+    let values = [MediumValue::Extinction, MediumValue::Albedo];
+    let world = cloud.world();
+    let parameters = values.map(|value| cloud.kind.parameter(value));
+    let adjoint = Adjoint::new(&world, &view(), cloud.options(1, 0), &parameters).unwrap();
+    let upper = |voxel: usize| if voxel >= N.pow(3) / 2 { 1.0 } else { 0.0 };
+    let runs: Vec<[f64; 2]> = (0..REPLICATES)
+        .map(|seed| {
+            let samples = GradientSamples { spp, seed: Some(1000 + seed) };
+            let found = adjoint.render_vjp(&weights(), samples).unwrap();
+            assert_eq!(found.not_finite, 0);
+            let along = |p: &ParameterGradient| {
+                p.values.iter().enumerate().map(|(i, g)| g * upper(i / p.channels)).sum()
+            };
+            [along(&found.parameters[0]), along(&found.parameters[1])]
+        })
+        .collect();
+    for (k, value) in values.into_iter().enumerate() {
+        let a = statistics(&runs.iter().map(|r| r[k]).collect::<Vec<f64>>());
+        let at = |x: f64| {
+            let mut moved = cloud.clone();
+            for i in 0..N.pow(3) {
+                match value {
+                    MediumValue::Extinction => moved.density[i] += (x * upper(i)) as f32,
+                    _ => moved.albedo[i] = moved.albedo[i].map(|a| a + (x * upper(i)) as f32),
+                }
+            }
+            moved
+        };
+        let step = if k == 0 { 0.01 } else { 0.004 };
+        let b = differences(at, step, true, reference);
+        compare(&format!("{name} {:?}, {value:?}", cloud.kind), a, b, resolved);
+    }
+}
+
+#[test]
+fn derivatives_of_thick_media_are_those_of_differences() {
+    check("smoke", &broken_smoke(Kind::Bounded), [16, 64], 0.5);
+}
+
+#[test]
+#[ignore = "slow: many samples"]
+fn derivatives_of_thick_media_are_those_of_differences_closely() {
+    for kind in [Kind::Bounded, Kind::Box] {
+        check("smoke", &broken_smoke(kind), [256, 1024], 0.2);
+        check("sparse smoke", &sparse(kind), [256, 1024], 0.2);
+    }
+}
+
+/// Where extinction is beyond all bounds in one colour, the others have the derivatives that they have beside a thick one.
+#[test]
+fn thickness_without_bounds() {
+    let colored = |red: f32| {
+        let tint = vec3(red, 0.0, 0.1);
+        Cloud { tint, albedo: vec![vec3(0.0, 0.4, 0.4)], depth: 3, ..Cloud::uniform(Kind::Even, 1.0) }
+    };
+    for c in 1..3 {
+        let of =
+            |red| colored(red).replayed(MediumValue::Extinction, 256, |_, k| f64::from(u8::from(k == c)));
+        let (a, b) = (of(1e20), of(1e3));
+        compare(&format!("colour {c} beside red of 1e20 and 1e3"), a, b, 0.2);
+    }
 }
