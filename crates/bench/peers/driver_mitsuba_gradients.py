@@ -21,16 +21,17 @@ WEIGHTS = ["random", "1"]
 BOX = ROOT / "assets" / "box.xml"
 PLATE = WORK / "plate" / "plate.xml"
 CLOUD = WORK / "plate" / "cloud.xml"
-# Media under a lamp: a grid whose voxels differ at random, thin and thick, and a thick ball that is the same everywhere.
-MIST, SMOKE, BALL = (WORK / "plate" / f"{name}.xml" for name in ["mist", "smoke", "ball"])
+# Media under a lamp: a grid whose voxels differ at random, thin and thick, a thin one with a few thick voxels, and a thick
+# ball that is the same everywhere.
+MIST, SMOKE, SPARSE, BALL = (WORK / "plate" / f"{name}.xml" for name in ["mist", "smoke", "sparse", "ball"])
 # Scenes of the suite `recover`.
 SCENES = ROOT / "crates" / "bench" / "src" / "suites" / "recover"
 # Texels along the side of the plate, and pixels of its picture; voxels along a side of the grids of each scene.
 TEXELS, PIXELS = 512, 256
-VOXELS = {CLOUD: 64, MIST: 16, SMOKE: 16}
-# Voxels along the side of the blocks whose sums are compared, with more runs of ours for their standard errors: estimates of
+VOXELS = {CLOUD: 64, MIST: 16, SMOKE: 16, SPARSE: 16}
+# Blocks along the side of a grid whose sums are compared, with more runs of ours for their standard errors: estimates of
 # single voxels that few paths meet are far from normal.
-BLOCK, BLOCK_SEEDS = 8, 16
+BLOCKS, BLOCK_SEEDS = {CLOUD: 8, MIST: 4, SMOKE: 4, SPARSE: 4}, 16
 
 # Scene, our key, what theirs ends in, the scattering events of a path, which `--max-depth` counts, and the filters.
 # Mitsuba's max_depth counts the segments of a path from the camera: 1 is what emits, 2 is direct light. It is one more.
@@ -47,6 +48,8 @@ CASES = [
     (MIST, "fog.albedo.data", "albedo.data", 32, ["as it is"]),
     (SMOKE, "fog.sigma_t.data", "sigma_t.data", 32, ["as it is"]),
     (SMOKE, "fog.albedo.data", "albedo.data", 32, ["as it is"]),
+    (SPARSE, "fog.sigma_t.data", "sigma_t.data", 32, ["as it is"]),
+    (SPARSE, "fog.albedo.data", "albedo.data", 32, ["as it is"]),
     (BALL, "fog.sigma_t.value.value", "interior_medium.sigma_t.value.value", 32, ["as it is"]),
     (BALL, "fog.albedo.value.value", "interior_medium.albedo.value.value", 32, ["as it is"]),
 ]
@@ -108,13 +111,17 @@ def save_grids(mi, density, albedo, *names):
 
 
 def write_media(mi):
-    """Media between surfaces above a floor under a lamp: grids of a mean thickness of about .2 and 11, a ball of 8; of grey extinction, as Mitsuba's derivatives of coloured are off."""
+    """Media between surfaces above a floor under a lamp: grids of a mean thickness of about .2 and 11, one of .2 but for a voxel in 50 of thickness 2.4, a ball of 8; of grey extinction, as Mitsuba's derivatives of coloured are off."""
     place = centres(VOXELS[SMOKE])
     numbers = np.random.default_rng(11)
     density = numbers.uniform(0.05, 0.9, place.shape[:-1])
     density[0, 0, 0] = 1
     albedo = np.stack([0.95 - 0.4 * place[..., 2], 0.5 + 0.45 * place[..., 0], 0.3 + 0.5 * place[..., 1]], -1)
     save_grids(mi, density, albedo, "random.vol", "random_albedo.vol")
+    thick = numbers.uniform(size=density.shape) < 0.02
+    sparse = np.where(thick, numbers.uniform(0.4, 0.9, density.shape), numbers.uniform(0.001, 0.005, density.shape))
+    sparse[0, 0, 0] = 1
+    save_grids(mi, sparse, albedo, "sparse.vol", "random_albedo.vol")
     scene = (SCENES / CLOUD.name).read_text().replace("{PIXELS}", str(PIXELS // 4))
     head, grids = (part.replace("density.vol", "random.vol").replace("albedo.vol", "random_albedo.vol") for part in scene.split('<emitter type="envmap">'))
     grids = grids[grids.index("<shape") : grids.index("</scene>")]
@@ -124,7 +131,7 @@ def write_media(mi):
     even = f'<medium type="homogeneous" name="interior" id="fog">{number("scale", 4)}{rgb("sigma_t", 1)}{rgb("albedo", 0.95, 0.8, 0.6)}{phase(-0.3)}'
     of_scale = lambda factor: grids.replace(eight, number("scale", factor)).replace("</medium>", phase(0.5))
     lit = floor(4, diffuse(0.4, 0.55, 0.5), y=-1.2) + lamp(-0.5, 2.4, 0.4, 0.7, 9, 11, 12)
-    media = {MIST: of_scale(0.2), SMOKE: of_scale(12), BALL: f'<shape type="sphere"><bsdf type="null"/>{even}</shape>'}
+    media = {MIST: of_scale(0.2), SMOKE: of_scale(12), SPARSE: of_scale(30).replace("random.vol", "sparse.vol"), BALL: f'<shape type="sphere"><bsdf type="null"/>{even}</shape>'}
     for file, medium in media.items():
         file.write_text(f"{head}{medium}{lit}</scene>\n")
 
@@ -187,7 +194,7 @@ def spread(found):
 
 def blocks(found, path):
     """Sums over blocks of voxels of each of some estimates of the grid of a scene."""
-    parts = found.reshape(len(found), *[VOXELS[path] // BLOCK, BLOCK] * 3, -1)
+    parts = found.reshape(len(found), *[BLOCKS[path], VOXELS[path] // BLOCKS[path]] * 3, -1)
     return parts.sum((2, 4, 6)).reshape(len(found), -1)
 
 
@@ -239,10 +246,12 @@ def table():
         for reconstruction in case[-1]:
             for kind in WEIGHTS:
                 rows += of_case(mi, dr, case, reconstruction, kind)
-    in_blocks = [path.name for path in VOXELS]
+    # Voxels of a block, by scene.
+    per_block = {path.name: (VOXELS[path] // n) ** 3 for path, n in BLOCKS.items()}
+    count = lambda row: row[5] // per_block.get(row[0], 1)
     # Mitsuba's first sampler, whose numbers are independent, judges.
     judged = [row for row in rows if row[4] == SAMPLERS[0]]
-    apart = [", ".join(map(str, [*row[1:5], row[-2]])) for row in judged if not row[-2] <= limit(row[5] // BLOCK**3 if row[0] in in_blocks else row[5])]
+    apart = [", ".join(map(str, [*row[1:5], row[-2]])) for row in judged if not row[-2] <= limit(count(row))]
     head = [
         "scene", "parameter", "filter", "weights", "Mitsuba's sampler", "values", "variance, ours / Mitsuba",
         "ours: CPU s", "Mitsuba: CPU s", "variance x time, ours / Mitsuba", "mean squared z",
@@ -251,7 +260,7 @@ def table():
     worst = max(rows, key=lambda row: row[-3])
     note = (
         f"{ESTIMATES} estimates of {SPP} samples a pixel. Times without reading and, of Mitsuba, compiling and building; ours build what rays are cast into in each run."
-        f" The mean squared z is that of the difference of both gradients (of grids: of sums over blocks of {BLOCK} voxels a side)"
+        f" The mean squared z is that of the difference of both gradients (of grids: of sums over blocks, {BLOCKS[CLOUD]} along a side in the cloud, {BLOCKS[MIST]} elsewhere)"
         " over their standard errors: about 1 where they"
         f" agree; the last column is that of Mitsuba's two samplers. Worst variance x time: {worst[-3]:.3g},"
         f" {worst[1]}, filter {worst[2]}, weights {worst[3]}, {worst[4]}."

@@ -45,7 +45,7 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
         let is = if slices > 1 { "a grid in space (--json has its values)" } else { "a single value" };
         bail!(Misuse(format!("--image: {name} is {is}; it must be a texture")));
     }
-    let loss = weights(a, &subject.options)?;
+    let (loss, unit) = weights(a, &subject.options)?;
     let named = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", a.scene.input.display());
     let world = World::with_options(subject.parts, subject.world).map_err(|e| named(&e))?;
     let parameters = std::slice::from_ref(&key.parameter);
@@ -64,7 +64,8 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
             gradient.residual
         );
     }
-    let values = [&gradient, &error].map(|g| g.parameters[0].first_channels(channels).into_owned());
+    let values = [&gradient, &error]
+        .map(|g| g.parameters[0].first_channels(channels).iter().map(|v| v * unit).collect());
     if let Some(file) = &a.image {
         let [value, error] = [&values[0], &values[1]].map(|v| picture(&key, v));
         let channels: &[&str] = &["R", "G", "B"];
@@ -106,10 +107,11 @@ fn size(shape: &[usize; 4]) -> String {
     tensor(shape).iter().map(usize::to_string).collect::<Vec<_>>().join(" x ")
 }
 
-/// The weights of the pixels.
-fn weights(a: &Gradient, options: &RenderOptions) -> Result<Image> {
+/// The weights of the pixels, in a unit in which they are about 1: far from it, products with radiance leave single
+/// precision.
+fn weights(a: &Gradient, options: &RenderOptions) -> Result<(Image, f64)> {
     let (w, h) = (options.width, options.height);
-    let Some(file) = &a.weights else { return Ok(Image::from_fn(w, h, 3, |_, _, _| 1.0)) };
+    let Some(file) = &a.weights else { return Ok((Image::from_fn(w, h, 3, |_, _, _| 1.0), 1.0)) };
     let image = photofit_image::read(file)?;
     let name = file.display();
     if (image.width, image.height) != (w, h) {
@@ -121,7 +123,11 @@ fn weights(a: &Gradient, options: &RenderOptions) -> Result<Image> {
     }
     // One channel weighs all three alike.
     let channel = |c: usize| if image.channels >= 3 { c } else { 0 };
-    Ok(Image::from_fn(w, h, 3, |x, y, c| image.pixel(x, y)[channel(c)]))
+    let most = image.data.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
+    // A power of two, which rounds nothing.
+    let unit = if most > 0.0 { f64::from(most).log2().floor().exp2() } else { 1.0 };
+    let weight = |x, y, c| (f64::from(image.pixel(x, y)[channel(c)]) / unit) as f32;
+    Ok((Image::from_fn(w, h, 3, weight), unit))
 }
 
 /// Values as an image of three channels, as numbers of single precision.

@@ -33,6 +33,16 @@ pub const HELD_OUT_EVERY: usize = 8;
 /// Most pixels along a side of a picture that is fitted: what a step holds grows with the picture. Larger ones are reduced
 /// by a whole factor.
 pub(crate) const MOST_SIDE: usize = 2048;
+/// Largest value of a picture: beyond, squares of differences leave single precision.
+const BRIGHTEST: f32 = 1e15;
+
+/// The first value of a picture that nothing can be fitted to, and the rule that it breaks.
+pub fn value_fault(picture: &Image) -> Option<String> {
+    let i = picture.data.iter().position(|v| v.is_nan() || v.abs() > BRIGHTEST)?;
+    let (pixel, value) = (i / picture.channels, picture.data[i]);
+    let (x, y) = (pixel % picture.width, pixel / picture.width);
+    Some(format!("pixel ({x}, {y}) is {value:e}; it must be finite and at most {BRIGHTEST:e}"))
+}
 
 /// Draws an asset for the camera of a view; alpha is its coverage.
 pub type Outline<'a> = &'a dyn Fn(&Setup) -> Result<Image, FitError>;

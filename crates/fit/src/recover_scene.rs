@@ -16,6 +16,7 @@ use crate::engine::plan::{Item, PlanRows, rows};
 use crate::engine::traced::{ComparedPixels, Smoothing, Traced, TracedParameter, WHOLE};
 use crate::engine::trainer::{Batch, Checkpointing, HeldOut, HistoryPoint, Job, Measure, Phase, train};
 use crate::engine::views::{Sampling, ViewCamera, ViewLights};
+use crate::pictures::value_fault;
 use crate::{FitError, Progress};
 use photofit_image::Image;
 use photofit_pathtrace::{MaterialValue, MediumValue, Parameter, View};
@@ -111,9 +112,8 @@ pub(crate) fn fit(
             let found = format!("{} x {} with {} channels", p.width, p.height, p.channels);
             return wrong(format!("are {found}; they must be {w} x {h} with 4"));
         }
-        if let Some(i) = p.data.iter().position(|v| !v.is_finite()) {
-            let at = (i / 4 % w, i / 4 / w);
-            return wrong(format!("have the value {} at pixel {at:?}; it must be finite", p.data[i]));
+        if let Some(fault) = value_fault(p) {
+            return wrong(format!("have a value that cannot be compared: {fault}"));
         }
     }
     // Alpha counts for nothing: a sky that is seen is light like any other, and nothing is put behind it.

@@ -4,7 +4,7 @@ use crate::args::{ParameterScene, RecoverScene};
 use crate::mitsuba;
 use crate::status::Misuse;
 use anyhow::{Result, bail};
-use photofit_fit::pictures::{named_files, world_pictures};
+use photofit_fit::pictures::{named_files, value_fault, world_pictures};
 use photofit_image::Image;
 use photofit_pathtrace::{RenderOptions, View};
 use std::path::{Path, PathBuf};
@@ -132,9 +132,8 @@ pub(super) fn read(file: &Path, options: &RenderOptions) -> Result<Image> {
     if image.channels < 3 {
         bail!("{name}: has {} channels; it must have three or four", image.channels);
     }
-    if let Some(i) = image.data.iter().position(|v| !v.is_finite()) {
-        let pixel = i / image.channels;
-        bail!("{name}: pixel ({}, {}) is {}; it must be finite", pixel % w, pixel / w, image.data[i]);
+    if let Some(fault) = value_fault(&image) {
+        bail!("{name}: {fault}");
     }
     Ok(Image::from_fn(w, h, 4, |x, y, c| if c < image.channels { image.pixel(x, y)[c] } else { 1.0 }))
 }

@@ -57,6 +57,19 @@ fn keys_are_those_of_mitsuba_and_gradients_those_of_pictures() {
         figures(d, file)
     };
     let (gradient, error) = run("1", "a.json");
+    // Weights at the ends of single precision: the same numbers, by another factor.
+    for (k, name) in [(120, "large.exr"), (-120, "small.exr")] {
+        let factor = f64::from(k).exp2();
+        let scaled = |x: usize, c: usize| if x < 8 { factor as f32 } else { c as f32 * factor as f32 };
+        let image = Image::from_fn(16, 12, 3, |x, _, c| scaled(x, c));
+        photofit_image::write_exr(d.join(name), &[("", &image, &["R", "G", "B"])]).unwrap();
+        let parameter = ["--parameter", "white.reflectance.value", "--weights", name, "--spp", "512"];
+        succeeds(d, &[&["gradient", "s.xml", "--json", "s.json"][..], &parameter].concat());
+        let (found, found_error) = figures(d, "s.json");
+        for c in 0..3 {
+            assert_eq!([found[c], found_error[c]], [gradient[c], error[c]].map(|v| v * factor), "{name}");
+        }
+    }
     assert!((gradient.clone(), error.clone()) == run("2", "b.json"), "one thread and two");
     // Weighted sums of pictures of two reflectances: sum(W I) with the same seed.
     let sum = |reflectance: f64, c: usize| {

@@ -126,7 +126,9 @@ fn what_cannot_be_used_is_refused_in_one_line() {
     write_picture(&d.join("pictures/2.exr"), 8, 0.3);
     assert_one_error(&run(&[]), "another size", &["frame 2", "8 x 8", "16 x 16"]);
     write_picture(&d.join("pictures/2.exr"), 16, f32::NAN);
-    assert_one_error(&run(&[]), "NaN", &["frame 2", "not finite"]);
+    assert_one_error(&run(&[]), "NaN", &["frame 2", "pixel (0, 0) is NaN; it must be finite"]);
+    write_picture(&d.join("pictures/2.exr"), 16, 1e30);
+    assert_one_error(&run(&[]), "1e30", &["frame 2", "pixel (0, 0) is 1e30", "at most 1e15"]);
     write_picture(&d.join("pictures/2.exr"), 16, 0.3);
     // Cameras that look past the mesh.
     let mut file = whole.clone();

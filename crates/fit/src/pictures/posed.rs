@@ -1,7 +1,7 @@
 //! Reads `transforms.json` and the pictures that it names: one reader for all tasks.
 
-use super::not_finite;
 use super::record::{self, Frame, Intrinsics, Rigid, Transforms};
+use super::{not_finite, value_fault};
 use crate::FitError;
 use crate::engine::FitFrame;
 use crate::engine::views::ViewLights;
@@ -92,8 +92,8 @@ impl PosedPictures {
                     "all pictures up to it have more than {MOST_PIXELS} pixels together"
                 )));
             }
-            if !image.is_finite() {
-                return Err(error("the picture holds values that are not finite".into()));
+            if let Some(fault) = value_fault(&image) {
+                return Err(error(fault));
             }
             let image = if image.channels < 4 { image } else { premultiplied(&path, &image) };
             let image = if factor > 1 { downsample(&image.crop(0, 0, width, height), factor) } else { image };

@@ -10,6 +10,7 @@ const SLACK: f64 = 1e-3;
 
 /// The file.
 #[derive(Debug, Deserialize)]
+#[serde(expecting = "an object with `frames`")]
 pub(super) struct Transforms {
     #[serde(flatten)]
     pub(super) lens: Intrinsics,
@@ -20,6 +21,7 @@ pub(super) struct Transforms {
 
 /// One picture.
 #[derive(Debug, Deserialize)]
+#[serde(expecting = "an object with `file_path` and `transform_matrix`")]
 pub(super) struct Frame {
     pub(super) file_path: String,
     pub(super) transform_matrix: Vec<Vec<f64>>,
@@ -30,7 +32,7 @@ pub(super) struct Frame {
 
 /// A light of our own key `lights`, in the world of the matrices.
 #[derive(Debug, Deserialize)]
-#[serde(tag = "type", rename_all = "lowercase", deny_unknown_fields)]
+#[serde(expecting = "an object with `type`", tag = "type", rename_all = "lowercase", deny_unknown_fields)]
 pub(super) enum Light {
     /// Radiant intensity, W/sr.
     Point { position: [f64; 3], intensity: [f64; 3] },

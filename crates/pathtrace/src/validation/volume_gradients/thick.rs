@@ -71,6 +71,7 @@ fn check(name: &str, cloud: &Cloud, [spp, reference]: [u32; 2], resolved: f64) {
             let samples = GradientSamples { spp, seed: Some(1000 + seed) };
             let found = adjoint.render_vjp(&weights(), samples).unwrap();
             assert_eq!(found.not_finite, 0);
+            assert!(found.residual < 1e-9, "{} is left", found.residual);
             let along = |p: &ParameterGradient| {
                 p.values.iter().enumerate().map(|(i, g)| g * upper(i / p.channels)).sum()
             };
@@ -89,7 +90,7 @@ fn check(name: &str, cloud: &Cloud, [spp, reference]: [u32; 2], resolved: f64) {
             }
             moved
         };
-        let step = if k == 0 { 0.01 } else { 0.004 };
+        let step = if k == 0 { 0.02 } else { 0.004 };
         let b = differences(at, step, true, reference);
         compare(&format!("{name} {:?}, {value:?}", cloud.kind), a, b, resolved);
     }
@@ -97,15 +98,15 @@ fn check(name: &str, cloud: &Cloud, [spp, reference]: [u32; 2], resolved: f64) {
 
 #[test]
 fn derivatives_of_thick_media_are_those_of_differences() {
-    check("smoke", &broken_smoke(Kind::Bounded), [16, 64], 0.5);
+    check("smoke", &broken_smoke(Kind::Bounded), [16, 160], 0.3);
 }
 
 #[test]
 #[ignore = "slow: many samples"]
 fn derivatives_of_thick_media_are_those_of_differences_closely() {
     for kind in [Kind::Bounded, Kind::Box] {
-        check("smoke", &broken_smoke(kind), [256, 1024], 0.2);
-        check("sparse smoke", &sparse(kind), [256, 1024], 0.2);
+        check("smoke", &broken_smoke(kind), [256, 2048], 0.1);
+        check("sparse smoke", &sparse(kind), [256, 2048], 0.1);
     }
 }
 
@@ -116,10 +117,24 @@ fn thickness_without_bounds() {
         let tint = vec3(red, 0.0, 0.1);
         Cloud { tint, albedo: vec![vec3(0.0, 0.4, 0.4)], depth: 3, ..Cloud::uniform(Kind::Even, 1.0) }
     };
+    let step = 0.05;
+    let at = |x: f64| Cloud { tint: vec3(5.0, x as f32, 0.1), ..colored(5.0) };
+    let green = differences(at, step, true, 512);
+    let direction = |_, k| f64::from(u8::from(k == 1));
+    let replayed = colored(5.0).replayed(MediumValue::Extinction, 64, direction);
+    compare("green beside red of 5", replayed, green, 0.1);
     for c in 1..3 {
         let of =
             |red| colored(red).replayed(MediumValue::Extinction, 256, |_, k| f64::from(u8::from(k == c)));
         let (a, b) = (of(1e20), of(1e3));
         compare(&format!("colour {c} beside red of 1e20 and 1e3"), a, b, 0.2);
     }
+    let grid = |thick: f32| {
+        let mut density = vec![0.1; N.pow(3)];
+        density[N.pow(3) - 1] = thick;
+        Cloud { size: [N; 3], density, depth: 3, ..Cloud::uniform(Kind::Bounded, 1.0) }
+    };
+    let far = |voxel: usize, _: usize| f64::from(u8::from(voxel < 100));
+    let of = |thick| grid(thick).replayed(MediumValue::Extinction, 64, far);
+    compare("voxels beside one of 1e22 and 1e3", of(1e22), of(1e3), 0.2);
 }

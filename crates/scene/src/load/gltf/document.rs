@@ -148,6 +148,20 @@ struct LightList {
     lights: Vec<Value>,
 }
 
+/// A message of the JSON reader without the names of our types.
+fn without_types(message: &str) -> String {
+    let words: Vec<&str> = message.split(' ').collect();
+    let mut out = Vec::new();
+    let mut i = 0;
+    while let Some(word) = words.get(i) {
+        let named = matches!(*word, "struct" | "enum")
+            && words.get(i + 1).is_some_and(|w| w.starts_with(char::is_uppercase));
+        out.push(if named { "an object" } else { word });
+        i += 1 + usize::from(named);
+    }
+    out.join(" ")
+}
+
 impl<'a> Document<'a> {
     pub(super) fn new(
         text: &[u8],
@@ -157,7 +171,7 @@ impl<'a> Document<'a> {
         scene: &mut Scene,
     ) -> Result<Self, Fault> {
         check_size(text, limits)?;
-        let syntax = |e: serde_json::Error| fault("the JSON", e.to_string());
+        let syntax = |e: serde_json::Error| fault("the JSON", without_types(&e.to_string()));
         let raw: Raw = serde_json::from_slice(text).map_err(syntax)?;
         let Raw { materials, animations, meshes, nodes, scenes, textures, buffers, views, extensions } = raw;
         // A number or text that only a full reader refuses may stand where nobody reads.
