@@ -65,7 +65,7 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
         );
     }
     let values = [&gradient, &error]
-        .map(|g| g.parameters[0].first_channels(channels).iter().map(|v| v * unit).collect());
+        .map(|g| g.parameters[0].first_channels(channels).iter().map(|v| v * unit).collect::<Vec<f64>>());
     if let Some(file) = &a.image {
         let [value, error] = [&values[0], &values[1]].map(|v| picture(&key, v));
         let channels: &[&str] = &["R", "G", "B"];
