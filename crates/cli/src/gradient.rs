@@ -117,9 +117,8 @@ fn weights(a: &Gradient, options: &RenderOptions) -> Result<(Image, f64)> {
     if (image.width, image.height) != (w, h) {
         bail!("{name}: is {} x {} pixels; it must be {w} x {h}, as the picture", image.width, image.height);
     }
-    if let Some(i) = image.data.iter().position(|v| !v.is_finite()) {
-        let pixel = i / image.channels;
-        bail!("{name}: pixel ({}, {}) is {}; it must be finite", pixel % w, pixel / w, image.data[i]);
+    if let Some((x, y, value)) = image.find(|v| !v.is_finite()) {
+        bail!("{name}: pixel ({x}, {y}) is {value}; it must be finite");
     }
     // One channel weighs all three alike.
     let channel = |c: usize| if image.channels >= 3 { c } else { 0 };

@@ -38,9 +38,7 @@ const BRIGHTEST: f32 = 1e15;
 
 /// The first value of a picture that nothing can be fitted to, and the rule that it breaks.
 pub fn value_fault(picture: &Image) -> Option<String> {
-    let i = picture.data.iter().position(|v| v.is_nan() || v.abs() > BRIGHTEST)?;
-    let (pixel, value) = (i / picture.channels, picture.data[i]);
-    let (x, y) = (pixel % picture.width, pixel / picture.width);
+    let (x, y, value) = picture.find(|v| v.is_nan() || v.abs() > BRIGHTEST)?;
     Some(format!("pixel ({x}, {y}) is {value:e}; it must be finite and at most {BRIGHTEST:e}"))
 }
 

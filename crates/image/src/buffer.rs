@@ -161,6 +161,13 @@ impl Image {
         Self { width: self.width, height: self.height, channels: 3, data }
     }
 
+    /// The first sample of which `is` holds: its column, its row and what it is.
+    pub fn find(&self, is: impl Fn(f32) -> bool) -> Option<(usize, usize, f32)> {
+        let i = self.data.iter().position(|v| is(*v))?;
+        let pixel = i / self.channels;
+        Some((pixel % self.width, pixel / self.width, self.data[i]))
+    }
+
     /// Whether no sample is NaN or infinite.
     pub fn is_finite(&self) -> bool {
         self.data.iter().all(|v| v.is_finite())
@@ -170,6 +177,14 @@ impl Image {
 #[cfg(test)]
 mod tests {
     use super::Image;
+
+    #[test]
+    fn finds_the_pixel_of_a_sample() {
+        let image = Image::from_fn(5, 3, 2, |x, y, c| (10 * y + 2 * x + c) as f32);
+        assert_eq!(image.find(|v| v > 15.5), Some((3, 1, 16.0)));
+        assert_eq!(image.find(|v| v == 27.0), Some((3, 2, 27.0)));
+        assert_eq!(image.find(f32::is_nan), None);
+    }
 
     #[test]
     fn crops_selects_and_composites() {

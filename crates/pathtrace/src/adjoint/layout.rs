@@ -8,7 +8,7 @@ use super::parameter::{
 };
 use crate::PathtraceError;
 use crate::error::{absent, invalid};
-use crate::volume::{Derivatives, MediumRef, MediumValue};
+use crate::volume::{Derivatives, MediumRef, MediumValue, Untold};
 use crate::world::World;
 use photofit_scene::MapKind;
 
@@ -39,7 +39,7 @@ impl MaterialCells {
 }
 
 /// Where the parameters of a medium begin, and what their derivatives need to know of it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct MediumCells {
     pub(super) extinction: u32,
     pub(super) albedo: u32,
@@ -48,6 +48,8 @@ pub(super) struct MediumCells {
     pub(super) scatters: bool,
     /// See [`Derivatives::dark_albedo`].
     pub(super) dark_albedo: f32,
+    /// See [`Derivatives::untold_by_way`].
+    pub(super) untold: Option<Untold>,
 }
 
 /// A parameter's cells.
@@ -143,6 +145,7 @@ impl Layout {
                 let cells = self.medium_mut(*medium);
                 cells.scatters = !derivatives.absorbs_only();
                 cells.dark_albedo = derivatives.dark_albedo();
+                cells.untold = derivatives.untold_by_way();
             }
         }
         self
@@ -228,8 +231,14 @@ impl Layout {
 }
 
 impl MediumCells {
-    const NONE: Self =
-        Self { extinction: NONE, albedo: NONE, emission: NONE, scatters: false, dark_albedo: 0.0 };
+    const NONE: Self = Self {
+        extinction: NONE,
+        albedo: NONE,
+        emission: NONE,
+        scatters: false,
+        dark_albedo: 0.0,
+        untold: None,
+    };
 }
 
 /// The materials that a value is of: those that are named, and where it is a factor of library materials all that name

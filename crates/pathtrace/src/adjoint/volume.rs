@@ -97,7 +97,7 @@ impl Replay<'_> {
 
     /// Adjoint of a collision, for the gradient `g` of the logarithm of what is scattered.
     fn collided(&mut self, flight: &MediaFlight, medium: MediumRef, g: Vec3f) {
-        let cells = *self.layout.medium(medium);
+        let cells = self.layout.medium(medium);
         let derivatives = Derivatives::of(self.world, medium);
         let p = flight.origin + flight.direction * flight.length;
         let out = &mut *self.out;
@@ -121,9 +121,9 @@ impl Replay<'_> {
         let whole = segment(flight, flight.end);
         let derivatives = Derivatives::of(self.world, medium);
         let Some(reach) = derivatives.reach(&whole) else { return };
-        let cells = *self.layout.medium(medium);
+        let cells = self.layout.medium(medium);
         let Some(rng) = &mut self.media.rng else { return };
-        let mut untold = derivatives.untold(reach, flight.throughput);
+        let mut untold = derivatives.untold(cells.untold.as_ref(), reach, flight.throughput);
         if cells.albedo != NONE && cells.dark_albedo > 0.0 {
             // However thick the medium is, collisions tell little of albedos near 0.
             untold = untold.max(0.5 * flight.throughput.sum());
@@ -162,7 +162,7 @@ impl Replay<'_> {
         if g == Vec3f::zero() {
             return;
         }
-        let cells = *self.layout.medium(medium);
+        let cells = self.layout.medium(medium);
         let (sigma, albedo) = (derivatives.extinction(p), derivatives.albedo(p));
         // What collisions leave to tell of the extinction and of the albedo; nothing of what is not asked for, nor of what
         // scatters nothing.

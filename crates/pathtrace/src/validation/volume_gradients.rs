@@ -12,8 +12,8 @@ mod thick;
 use super::scenes::{diffuse, looking, place, quad, square, unit_cube_size};
 use crate::{
     Adjoint, Boundary, BoundedMedium, EnvironmentMap, Field, GradientSamples, Instance, LightSource,
-    Material, MediumRef, MediumValue, Parameter, Parts, RenderOptions, Renderer, Shape, View, Volume, World,
-    WorldOptions,
+    Material, MediumRef, MediumValue, Parameter, ParameterGradient, Parts, RenderOptions, Renderer, Shape,
+    View, Volume, World, WorldOptions,
 };
 use glam::{DAffine3, DVec3};
 use photofit_image::Image;
@@ -170,18 +170,32 @@ impl Cloud {
 
     /// Derivative of the loss along `direction`, of voxel and channel, by replay: mean and standard error.
     fn replayed(&self, value: MediumValue, spp: u32, direction: impl Fn(usize, usize) -> f64) -> (f64, f64) {
+        let [found] = self.replayed_at_once([value], spp, direction);
+        found
+    }
+
+    /// Those of several values, of the same paths.
+    fn replayed_at_once<const K: usize>(
+        &self,
+        values: [MediumValue; K],
+        spp: u32,
+        direction: impl Fn(usize, usize) -> f64,
+    ) -> [(f64, f64); K] {
         let world = self.world();
-        let parameter = self.kind.parameter(value);
-        let adjoint = Adjoint::new(&world, &view(), self.options(1, 0), &[parameter]).unwrap();
+        let parameters = values.map(|value| self.kind.parameter(value));
+        let adjoint = Adjoint::new(&world, &view(), self.options(1, 0), &parameters).unwrap();
         let one = |seed: u64| {
             let gradient =
                 adjoint.render_vjp(&weights(), GradientSamples { spp, seed: Some(1000 + seed) }).unwrap();
             assert!(gradient.residual < 1e-9, "{} is left", gradient.residual);
             assert_eq!(gradient.not_finite, 0);
-            let p = &gradient.parameters[0];
-            p.values.iter().enumerate().map(|(i, g)| g * direction(i / p.channels, i % p.channels)).sum()
+            let along = |p: &ParameterGradient| -> f64 {
+                p.values.iter().enumerate().map(|(i, g)| g * direction(i / p.channels, i % p.channels)).sum()
+            };
+            gradient.parameters.iter().map(along).collect()
         };
-        statistics(&(0..REPLICATES).map(one).collect::<Vec<f64>>())
+        let runs: Vec<Vec<f64>> = (0..REPLICATES).map(one).collect();
+        std::array::from_fn(|k| statistics(&runs.iter().map(|r| r[k]).collect::<Vec<f64>>()))
     }
 
     /// Weighted sum of the picture.

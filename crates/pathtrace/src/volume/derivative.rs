@@ -6,7 +6,7 @@
 //! sampled where light could be scattered, also where there is nothing yet ([`Derivatives::sample`]).
 
 use super::bounded::{Extinction, of_chosen, survival};
-use super::untold::untold;
+use super::untold::{Untold, untold};
 use super::{InteriorMedium, Medium, MediumRef, Segment};
 use crate::world::World;
 use photofit_sampling::Rng;
@@ -79,10 +79,16 @@ impl<'a> Derivatives<'a> {
         }
     }
 
-    /// How much of `throughput` collisions leave to tell on a way in the medium, on average over its points.
-    pub(crate) fn untold(self, way: f32, throughput: Vec3f) -> f32 {
-        match self.grid() {
-            Some(grid) => grid.untold.at(way) * throughput.sum(),
+    /// What collisions leave to tell on average over the voxels of its extinction, if that has any.
+    pub(crate) fn untold_by_way(self) -> Option<Untold> {
+        self.grid().map(|grid| Untold::new(grid.extinctions()))
+    }
+
+    /// How much of `throughput` collisions leave to tell on a way in the medium, on average over its points; `by_way` is
+    /// [`Self::untold_by_way`].
+    pub(crate) fn untold(self, by_way: Option<&Untold>, way: f32, throughput: Vec3f) -> f32 {
+        match by_way {
+            Some(table) => table.at(way) * throughput.sum(),
             None => self.extinction(Vec3f::zero()).map(|s| untold(s * way)).dot(throughput),
         }
     }
@@ -222,6 +228,23 @@ fn truncated_pdf(sigma: f32, length: f32, t: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::volume::Volume;
+    use glam::DVec3;
+
+    #[test]
+    fn albedos_are_dark_with_their_factor() {
+        let of = |factor: Vec3f, albedos: Vec<Vec3f>| {
+            let volume = Volume::homogeneous(DVec3::ZERO, DVec3::ONE, 1.0, factor, 0.0);
+            let medium = Medium::new(0, Volume { albedos, ..volume }, DVec3::ZERO, 1.0).unwrap();
+            Derivatives::Volume(&medium).dark_albedo()
+        };
+        let grey = Vec3f::splat;
+        assert_eq!(of(grey(0.3), Vec::new()), 0.0);
+        assert_eq!(of(grey(0.03), Vec::new()), DARK_HALF);
+        assert_eq!(of(grey(1.0), vec![vec3(0.3, 0.1, 0.06)]), 0.0);
+        assert_eq!(of(grey(1.0), vec![vec3(0.3, 0.1, 0.04)]), DARK_HALF);
+        assert_eq!(of(vec3(1.0, 1.0, 0.5), vec![vec3(0.3, 0.1, 0.06)]), DARK_HALF);
+    }
 
     #[test]
     fn truncated_distances_have_their_density() {

@@ -1,7 +1,6 @@
 //! A medium on a grid, and the coarse grid of upper bounds that its tracking walks.
 
 use super::field::Lookup;
-use super::untold::Untold;
 use super::{Field, emission};
 use crate::PathtraceError;
 use crate::error::invalid;
@@ -68,8 +67,6 @@ pub(crate) struct Medium {
     transform: DAffine3,
     /// Extinction per unit of length.
     extinction: Vec<f32>,
-    /// What collisions leave to tell.
-    pub(super) untold: Untold,
     /// Density as it was given, where it is not the extinction.
     given: Vec<f32>,
     albedo: Vec3f,
@@ -129,7 +126,6 @@ impl Medium {
             scale: volume.scale,
             transform: volume.transform,
             extinction: Vec::new(),
-            untold: Untold::new(&[0.0]),
             given: Vec::new(),
             albedo: volume.albedo,
             albedos: volume.albedos,
@@ -179,7 +175,6 @@ impl Medium {
         extinction.iter_mut().for_each(|e| *e = e.min(thickest));
         self.majorants = majorants(&extinction, self.size, self.cells);
         self.majorants.iter_mut().for_each(|m| *m = m.max((*m * factor).min(thickest)));
-        self.untold = Untold::new(&extinction);
         self.extinction = extinction;
         self.given = if same { Vec::new() } else { density.to_vec() };
         Ok(())
@@ -199,6 +194,11 @@ impl Medium {
     /// Density of every voxel, as it was given.
     pub(crate) fn density(&self) -> &[f32] {
         if self.given.is_empty() { &self.extinction } else { &self.given }
+    }
+
+    /// Extinction of every voxel.
+    pub(super) fn extinctions(&self) -> &[f32] {
+        &self.extinction
     }
 
     /// Albedo of every voxel; without those the one of all.

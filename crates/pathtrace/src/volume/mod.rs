@@ -23,3 +23,4 @@ pub(crate) use emission::EmittingPart;
 pub(crate) use grid::Medium;
 pub(crate) use media::Media;
 pub(crate) use phase::{phase, sample_phase};
+pub(crate) use untold::Untold;

@@ -16,8 +16,8 @@ pub(super) fn untold(thickness: f32) -> f32 {
 }
 
 /// The mean of [`untold`] over the voxels of a grid: its inverse, by the exponent of the way.
-#[derive(Debug)]
-pub(super) struct Untold([f32; EXPONENTS]);
+#[derive(Clone, Debug)]
+pub(crate) struct Untold([f32; EXPONENTS]);
 
 impl Untold {
     /// Of extinctions that are finite and not negative.

@@ -15,6 +15,7 @@ use photofit_pathtrace::{
 use photofit_sampling::hash;
 use photofit_scene::mitsuba::{MitsubaOptions, encode_grid, load_mitsuba};
 
+use super::plate::Plate;
 use super::{cloud, compare, picture, plate};
 use crate::context::Context;
 use crate::timing::Timing;
@@ -168,8 +169,10 @@ fn plate_scene() -> Scene {
         figure: "variance",
         parameter: Parameter::Graph { places: vec![[0, 3], [0, 4]] },
         channels: 1,
-        start: (0..texels).map(plate::start).collect(),
-        truth: (0..texels).map(|i| plate::alpha(i % plate::TEXELS, i / plate::TEXELS)).collect(),
+        start: (0..texels).map(|i| plate::start(Plate::Judged, i)).collect(),
+        truth: (0..texels)
+            .map(|i| plate::alpha(Plate::Judged, i % plate::TEXELS, i / plate::TEXELS))
+            .collect(),
     };
     Scene {
         name: "plate",

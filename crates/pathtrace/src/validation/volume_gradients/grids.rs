@@ -127,7 +127,7 @@ fn gradients_of_grids_have_the_same_bits_on_one_thread_and_two() {
             let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let samples = GradientSamples { spp: 9, seed: Some(4) };
             let g = pool.install(|| adjoint.render_vjp(&weights(), samples)).unwrap();
-            let of = |p: &crate::ParameterGradient| p.values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+            let of = |p: &ParameterGradient| p.values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
             assert!(g.parameters.iter().all(|p| p.values.iter().any(|v| *v != 0.0)), "there are some");
             g.parameters.iter().flat_map(of).collect::<Vec<_>>()
         };
@@ -230,7 +230,7 @@ fn values_of_fewer_channels_stand_for_the_further_ones() {
         let text = world.spread_parameter(&albedo, channels, &vec![0.5; count]).unwrap_err().to_string();
         assert!(text.contains(words), "{text}");
     }
-    let gradient = crate::ParameterGradient { channels: 3, values: vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0] };
+    let gradient = ParameterGradient { channels: 3, values: vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0] };
     assert_eq!(gradient.first_channels(1)[..], [1.0, 4.0]);
     assert_eq!(gradient.first_channels(2)[..], [1.0, 2.0, 4.0, 5.0]);
     assert_eq!(gradient.first_channels(3)[..], gradient.values);

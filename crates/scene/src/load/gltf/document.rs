@@ -436,3 +436,21 @@ fn check_extensions(root: &json::Root, inventory: &Inventory, scene: &mut Scene)
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn messages_of_the_json_reader_name_no_types() {
+        let found = |text: &str| match serde_json::from_str::<super::Raw>(text) {
+            Ok(_) => panic!("`{text}` was read"),
+            Err(e) => super::without_types(&e.to_string()),
+        };
+        let of_lights = found(r#"{"extensions": 7}"#);
+        assert!(of_lights.starts_with("invalid type: integer `7`, expected an object"), "{of_lights}");
+        assert!(of_lights.contains("line 1"), "{of_lights}");
+        assert_eq!(found("7"), "invalid type: integer `7`, expected an object at line 1 column 1");
+        // What the file itself says stays.
+        let said = super::without_types("unknown variant `struct of`, expected `enum a`");
+        assert_eq!(said, "unknown variant `struct of`, expected `enum a`");
+    }
+}
