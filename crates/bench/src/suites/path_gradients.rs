@@ -18,6 +18,7 @@ use photofit_scene::{
 use photofit_shading::bsdf::{Bsdf, Diffuse, Null};
 
 use super::pathtrace::slope;
+use super::recover::picture;
 use crate::context::Context;
 use crate::plot::Axis;
 use crate::timing::Timing;
@@ -62,7 +63,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
         "The gradient of a sum of pixels with random weights between -.4 and 1, pictures of {SIDE} x {SIDE} pixels, up to eight events a path. \
          Error: root mean square distance of {ESTIMATES} estimates from the mean of {TRUE_SAMPLES} samples a pixel of the same estimator, relative to \
          the length of that, less what noise of the latter makes of it; floor: that noise. What they converge to is tested elsewhere. Exponent: \
-         slope of the error over the samples, both logarithmic, -.5 for independent samples. Time: one estimate. Roughness and metalness are \
+         slope of the error over the samples, both logarithmic, -.5 for independent samples. Time: one estimate, and as a multiple of that of a picture of the same samples. Roughness and metalness are \
          channels of one map: one pass makes both."
     ));
     Ok(())
@@ -81,7 +82,7 @@ impl Case {
             ensure!(length > 0.0, "{}: the gradient is 0", kind.name);
             let mut curve: Vec<(f64, f64)> = Vec::new();
             for spp in SAMPLES {
-                let (mut seconds, mut squares) = (Vec::new(), 0.0);
+                let (mut seconds, mut of_pictures, mut squares) = (Vec::new(), Vec::new(), 0.0);
                 for estimate in 0..=ESTIMATES {
                     let began = Instant::now();
                     let found = self.gradient(kind, &weights, spp, hash(2, u64::from(spp), estimate))?;
@@ -90,6 +91,9 @@ impl Case {
                         seconds.push(began.elapsed().as_secs_f64());
                         let off = found.iter().zip(&truth).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
                         squares += off / ESTIMATES as f64;
+                        let began = Instant::now();
+                        picture(&self.world, &self.view, &options(spp))?;
+                        of_pictures.push(began.elapsed().as_secs_f64());
                     }
                 }
                 let (timing, error) = (Timing::of(seconds), ((squares - variance).max(0.0) / length).sqrt());
@@ -101,6 +105,7 @@ impl Case {
                     figures.push(("exponent", slope(&logarithms.collect::<Vec<_>>())));
                 }
                 figures.push(("floor", (variance / length).sqrt()));
+                figures.push(("times a picture", timing.median / Timing::of(of_pictures).median));
                 let case = format!("{}, {spp} samples", self.name);
                 ctx.record(kind.name, &case, spp as usize, timing, figures);
             }
@@ -113,9 +118,7 @@ impl Case {
 
     /// One estimate of the gradient of a kind.
     fn gradient(&self, kind: &Kind, weights: &Image, spp: u32, seed: u64) -> Result<Vec<f64>> {
-        let mut options = RenderOptions { width: SIDE, height: SIDE, spp, ..RenderOptions::default() };
-        options.path.max_depth = 8;
-        let adjoint = Adjoint::new(&self.world, &self.view, options, &kind.parameters)?;
+        let adjoint = Adjoint::new(&self.world, &self.view, options(spp), &kind.parameters)?;
         let found = adjoint.render_vjp(weights, GradientSamples { spp, seed: Some(seed) })?;
         ensure!(found.not_finite == 0, "{}: {} contributions are not finite", kind.name, found.not_finite);
         let channels = |of: &ParameterGradient| -> Vec<f64> {
@@ -124,6 +127,12 @@ impl Case {
         };
         Ok(found.parameters.iter().flat_map(channels).collect())
     }
+}
+
+fn options(spp: u32) -> RenderOptions {
+    let mut options = RenderOptions { width: SIDE, height: SIDE, spp, ..RenderOptions::default() };
+    options.path.max_depth = 8;
+    options
 }
 
 /// Random weights of both signs, which favour one.

@@ -281,7 +281,7 @@ fn set(world: &mut World, unknown: &Unknown, values: &[f32]) -> Result<()> {
     Ok(world.spread_parameter(&unknown.parameter, unknown.channels, values)?)
 }
 
-fn picture(world: &World, view: &View, options: &RenderOptions) -> Result<Image> {
+pub(super) fn picture(world: &World, view: &View, options: &RenderOptions) -> Result<Image> {
     let mut renderer = Renderer::new(world, view, options.clone())?;
     renderer.finish();
     Ok(renderer.picture())
