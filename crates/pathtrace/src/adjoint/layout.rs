@@ -48,7 +48,7 @@ pub(super) struct MediumCells {
     pub(super) scatters: bool,
     /// See [`Derivatives::dark_albedo`].
     pub(super) dark_albedo: f32,
-    /// See [`Derivatives::untold_by_way`].
+    /// See [`Derivatives::untold`]; of media whose values are asked for.
     pub(super) untold: Option<Untold>,
 }
 
@@ -143,9 +143,12 @@ impl Layout {
             if let Parameter::Medium { medium, .. } = p {
                 let derivatives = Derivatives::of(world, *medium);
                 let cells = self.medium_mut(*medium);
-                cells.scatters = !derivatives.absorbs_only();
-                cells.dark_albedo = derivatives.dark_albedo();
-                cells.untold = derivatives.untold_by_way();
+                // Read once, also where several values of a medium are asked for.
+                if cells.untold.is_none() {
+                    cells.scatters = !derivatives.absorbs_only();
+                    cells.dark_albedo = derivatives.dark_albedo();
+                    cells.untold = Some(derivatives.untold());
+                }
             }
         }
         self

@@ -268,10 +268,9 @@ impl<'a> Adjoint<'a> {
                 format!("are {found}; they must be {w} x {h} with three channels"),
             ));
         }
-        if let Some(i) = loss.data.iter().position(|v| !v.is_finite()) {
-            let pixel = i / loss.channels;
-            let place = format!("weights, pixel ({}, {})", pixel % w, pixel / w);
-            return Err(invalid(place, format!("is {}; it must be finite", loss.data[i])));
+        if let Some((x, y, value)) = loss.find(|v| !v.is_finite()) {
+            let place = format!("weights, pixel ({x}, {y})");
+            return Err(invalid(place, format!("is {value}; it must be finite")));
         }
         if samples.spp < least {
             let rule = format!("are {} per pixel; they must be at least {least}", samples.spp);

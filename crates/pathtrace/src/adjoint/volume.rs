@@ -123,7 +123,8 @@ impl Replay<'_> {
         let Some(reach) = derivatives.reach(&whole) else { return };
         let cells = self.layout.medium(medium);
         let Some(rng) = &mut self.media.rng else { return };
-        let mut untold = derivatives.untold(cells.untold.as_ref(), reach, flight.throughput);
+        let Some(untold) = &cells.untold else { return };
+        let mut untold = untold.at(reach, flight.throughput);
         if cells.albedo != NONE && cells.dark_albedo > 0.0 {
             // However thick the medium is, collisions tell little of albedos near 0.
             untold = untold.max(0.5 * flight.throughput.sum());

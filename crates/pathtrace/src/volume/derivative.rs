@@ -6,7 +6,7 @@
 //! sampled where light could be scattered, also where there is nothing yet ([`Derivatives::sample`]).
 
 use super::bounded::{Extinction, of_chosen, survival};
-use super::untold::{Untold, untold};
+use super::untold::Untold;
 use super::{InteriorMedium, Medium, MediumRef, Segment};
 use crate::world::World;
 use photofit_sampling::Rng;
@@ -79,17 +79,11 @@ impl<'a> Derivatives<'a> {
         }
     }
 
-    /// What collisions leave to tell on average over the voxels of its extinction, if that has any.
-    pub(crate) fn untold_by_way(self) -> Option<Untold> {
-        self.grid().map(|grid| Untold::new(grid.extinctions()))
-    }
-
-    /// How much of `throughput` collisions leave to tell on a way in the medium, on average over its points; `by_way` is
-    /// [`Self::untold_by_way`].
-    pub(crate) fn untold(self, by_way: Option<&Untold>, way: f32, throughput: Vec3f) -> f32 {
-        match by_way {
-            Some(table) => table.at(way) * throughput.sum(),
-            None => self.extinction(Vec3f::zero()).map(|s| untold(s * way)).dot(throughput),
+    /// What collisions leave to tell of it.
+    pub(crate) fn untold(self) -> Untold {
+        match self.grid() {
+            Some(grid) => Untold::of_voxels(grid.extinctions()),
+            None => Untold::Even(self.extinction(Vec3f::zero())),
         }
     }
 
@@ -241,6 +235,7 @@ mod tests {
         let grey = Vec3f::splat;
         assert_eq!(of(grey(0.3), Vec::new()), 0.0);
         assert_eq!(of(grey(0.03), Vec::new()), DARK_HALF);
+        assert_eq!(of(grey(0.1), Vec::new()), 0.0);
         assert_eq!(of(grey(1.0), vec![vec3(0.3, 0.1, 0.06)]), 0.0);
         assert_eq!(of(grey(1.0), vec![vec3(0.3, 0.1, 0.04)]), DARK_HALF);
         assert_eq!(of(vec3(1.0, 1.0, 0.5), vec![vec3(0.3, 0.1, 0.06)]), DARK_HALF);

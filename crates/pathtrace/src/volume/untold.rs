@@ -4,6 +4,8 @@
 //! (see the replay of media). Of media whose extinction varies, the mean of the rest, `1 / (1 + (sigma_t / c)^2)`, over all
 //! voxels is kept for every power of two of the way.
 
+use photofit_scalar::Vec3f;
+
 /// The least that counts as left: flights through what is thick everywhere are still chosen, if seldom.
 const LEAST: f32 = 1e-3;
 /// Exponents of numbers in single precision.
@@ -11,17 +13,22 @@ const EXPONENTS: usize = 256;
 
 /// What is left at an extinction times a way.
 #[inline]
-pub(super) fn untold(thickness: f32) -> f32 {
+fn untold(thickness: f32) -> f32 {
     (1.0 / (1.0 + thickness * thickness)).max(LEAST)
 }
 
-/// The mean of [`untold`] over the voxels of a grid: its inverse, by the exponent of the way.
+/// What collisions leave to tell of a medium.
 #[derive(Clone, Debug)]
-pub(crate) struct Untold([f32; EXPONENTS]);
+pub(crate) enum Untold {
+    /// Of an extinction that is the same everywhere.
+    Even(Vec3f),
+    /// The mean of [`untold`] over the voxels of a grid: its inverse, by the exponent of the way.
+    Voxels(Box<[f32; EXPONENTS]>),
+}
 
 impl Untold {
     /// Of extinctions that are finite and not negative.
-    pub(super) fn new(extinction: &[f32]) -> Self {
+    pub(super) fn of_voxels(extinction: &[f32]) -> Self {
         // Voxels, and the sum of their extinctions, by the exponent of the extinction.
         let mut groups = [(0_u32, 0.0_f64); EXPONENTS];
         for e in extinction {
@@ -39,16 +46,21 @@ impl Untold {
             let sum: f64 = groups.iter().map(|(voxels, mean)| voxels * f64::from(untold(mean * way))).sum();
             (extinction.len() as f64 / sum) as f32
         };
-        Self(std::array::from_fn(inverse))
+        Self::Voxels(Box::new(std::array::from_fn(inverse)))
     }
 
-    /// Of a finite way.
+    /// How much of `throughput` is left on a finite way, on average over the points of the medium.
     #[inline]
-    pub(super) fn at(&self, way: f32) -> f32 {
-        let e = exponent(way);
-        let [a, b] = [self.0[e], self.0[(e + 1).min(EXPONENTS - 1)]];
-        let fraction = (way.to_bits() & 0x7f_ffff) as f32 / (1_u32 << 23) as f32;
-        1.0 / (a + (b - a) * fraction)
+    pub(crate) fn at(&self, way: f32, throughput: Vec3f) -> f32 {
+        match self {
+            Self::Even(sigma) => sigma.map(|s| untold(s * way)).dot(throughput),
+            Self::Voxels(inverse) => {
+                let e = exponent(way);
+                let [a, b] = [inverse[e], inverse[(e + 1).min(EXPONENTS - 1)]];
+                let fraction = (way.to_bits() & 0x7f_ffff) as f32 / (1_u32 << 23) as f32;
+                throughput.sum() / (a + (b - a) * fraction)
+            }
+        }
     }
 }
 
@@ -61,6 +73,7 @@ fn exponent(x: f32) -> usize {
 mod tests {
     use super::*;
     use photofit_sampling::Rng;
+    use photofit_scalar::vec3;
 
     #[test]
     fn means_are_those_of_the_voxels() {
@@ -77,11 +90,11 @@ mod tests {
             vec![1.0],
             vec![1.99],
         ] {
-            let table = Untold::new(&values);
+            let table = Untold::of_voxels(&values);
             for way in [1e-38, 1e-12, 1e-3, 0.1, 0.7, 1.0, 1.7, 6.0, 8.0, 12.0, 30.0, 1e5, 1e30, 3e38] {
                 let exact =
                     values.iter().map(|v| f64::from(untold(v * way))).sum::<f64>() / values.len() as f64;
-                let found = f64::from(table.at(way));
+                let found = f64::from(table.at(way, vec3(1.0, 0.0, 0.0)));
                 assert!((0.75..1.3).contains(&(found / exact)), "{way}: {found}, not {exact}");
             }
         }

@@ -182,9 +182,7 @@ impl Importer {
                 format!("images have {} texels up to here; there may be {}", self.texels, self.limits.texels),
             ));
         }
-        if let Some(i) = image.data.iter().position(|x| !x.is_finite()) {
-            let texel = i / image.channels;
-            let (x, y) = (texel % image.width, texel / image.width);
+        if let Some((x, y, _)) = image.find(|v| !v.is_finite()) {
             let file = format!("{place}: {}", path.display());
             return Err(fault(file, format!("the texel in column {x} of row {y} is not finite; it must be")));
         }

@@ -15,6 +15,7 @@ use crate::context::Context;
 /// Texels along the side of the plate, and pixels of its picture.
 pub(super) const TEXELS: usize = 512;
 pub(super) const PIXELS: usize = 256;
+
 /// What is to be found.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Plate {
@@ -33,9 +34,11 @@ pub(super) fn start(plate: Plate, texel: usize) -> f32 {
 
 /// Steps of a run, and those at which it is looked at.
 const LOOKS: [u64; 6] = [5, 10, 20, 33, 50, 100];
+/// Those of a run of a third of the steps.
+const SHORT_LOOKS: [u64; 4] = [5, 10, 20, 33];
 
 pub(super) fn run(ctx: &mut Context) -> Result<()> {
-    let brief = brief(ctx)?;
+    let [short_adam, short_bilateral] = in_a_third(ctx)?;
     let mut task = task(Plate::Judged)?;
     let mut adams = Vec::new();
     for rate in [0.001, 0.01, 0.05] {
@@ -60,7 +63,7 @@ pub(super) fn run(ctx: &mut Context) -> Result<()> {
         cross.clone(),
         cross.falling(),
         cross.falling().narrowing(),
-        brief.clone(),
+        short_bilateral.clone(),
         own.clone(),
         own.falling(),
         own.falling().narrowing(),
@@ -71,15 +74,16 @@ pub(super) fn run(ctx: &mut Context) -> Result<()> {
     let courses = race(ctx, &mut task, &methods, &LOOKS)?;
     plot(ctx, &task, &methods, &courses)?;
     // The same in a third of the steps.
-    let brief = [brief, cross.falling().narrowing(), own.falling().narrowing()];
-    let brief = brief.map(|m| Method { name: format!("{}, in a third", m.name), ..m });
-    race(ctx, &mut task, &brief, &LOOKS[..4])?;
+    let short = [short_adam, short_bilateral, cross.falling().narrowing(), own.falling().narrowing()];
+    let short = short.map(|m| Method { name: format!("{}, in a third", m.name), ..m });
+    race(ctx, &mut task, &short, &SHORT_LOOKS)?;
     let ends = task.ends()?;
     sheet(&task, &courses, 0, |v| Image::from_fn(TEXELS, TEXELS, 3, |x, y, _| v[y * TEXELS + x]))?;
     let goal = courses[0].loss();
     let mut text = format!(
         "{}: {TEXELS} x {TEXELS} texels from one picture of {PIXELS} x {PIXELS} pixels, 16 samples a pixel and 1 for \
-         gradients; Adam and the low-pass filter are the best of the runs above them by the last loss. Steps until the \
+         gradients; Adam and the low-pass filter are the best of the runs above them by the last loss, what \
+         runs in a third of the steps and one bilateral filter the best on another plate of the same kind. Steps until the \
          loss is below Adam's last one:",
         task.name
     );
@@ -91,11 +95,11 @@ pub(super) fn run(ctx: &mut Context) -> Result<()> {
     Ok(())
 }
 
-/// The bilateral filter in a third of the steps: of nine rates and widths, as many as Adam has, what has the lowest loss on
-/// the other plate.
-fn brief(ctx: &mut Context) -> Result<Method> {
+/// Adam and the bilateral filter for a third of the steps: of so many settings, all with rates that fall, those with the lowest
+/// loss on the other plate. Levels, b1 and narrowing of the filter are those of the long runs.
+fn in_a_third(ctx: &mut Context) -> Result<[Method; 2]> {
     let mut other = task(Plate::Other)?;
-    let mut methods = Vec::new();
+    let mut bilateral = Vec::new();
     for rate in [0.03, 0.05, 0.1] {
         for width in [0.1, 0.2, 0.4] {
             let filter = Bilateral {
@@ -105,11 +109,18 @@ fn brief(ctx: &mut Context) -> Result<Method> {
                 ..Bilateral::default()
             };
             let name = format!("bilateral, rate {rate}, width {width}");
-            methods.push(Method::filtered(&name, rate, filter, Placement::BOTH).falling().narrowing());
+            bilateral.push(Method::filtered(&name, rate, filter, Placement::BOTH).falling().narrowing());
         }
     }
-    let courses = race(ctx, &mut other, &methods, &LOOKS[3..4])?;
-    Ok(best(&methods, &courses).clone())
+    let mut adams = Vec::new();
+    for rate in [0.03, 0.05, 0.1] {
+        adams.extend([0.2, 0.9].map(|b1| Method::adam(rate, b1).falling()));
+    }
+    let mut chosen = |methods: &[Method]| -> Result<Method> {
+        let courses = race(ctx, &mut other, methods, &SHORT_LOOKS[3..])?;
+        Ok(best(methods, &courses).clone())
+    };
+    Ok([chosen(&adams)?, chosen(&bilateral)?])
 }
 
 /// Smooth noise in -1..=1 of so many cells.
@@ -164,24 +175,17 @@ pub(super) fn sky() -> Image {
     })
 }
 
-/// Writes the scene as a Mitsuba file, with the alpha that is to be found and with that of the start.
-fn files(plate: Plate) -> Result<[PathBuf; 2]> {
+/// Writes the scene with the alpha that is to be found as a Mitsuba file.
+fn file(plate: Plate) -> Result<PathBuf> {
     let folder = Path::new(FOLDER);
     std::fs::create_dir_all(folder).with_context(|| format!("{FOLDER}: cannot create"))?;
     photofit_image::write_exr(folder.join("sky.exr"), &[("", &sky(), &["R", "G", "B"])])?;
-    let names =
-        if plate == Plate::Judged { ["plate", "plate_start"] } else { ["other_plate", "other_plate_start"] };
-    let made = [(names[0], false), (names[1], true)].map(|(name, is_start)| -> Result<PathBuf> {
-        let texels = Image::from_fn(TEXELS, TEXELS, 1, |x, y, _| {
-            if is_start { start(plate, y * TEXELS + x) } else { alpha(plate, x, y) }
-        });
-        photofit_image::write_exr(folder.join(format!("{name}.exr")), &[("", &texels, &["Y"])])?;
-        let file = folder.join(format!("{name}.xml"));
-        std::fs::write(&file, scene(name)).with_context(|| format!("{}: cannot write", file.display()))?;
-        Ok(file)
-    });
-    let [target, start] = made;
-    Ok([target?, start?])
+    let name = if plate == Plate::Judged { "plate" } else { "other_plate" };
+    let texels = Image::from_fn(TEXELS, TEXELS, 1, |x, y, _| alpha(plate, x, y));
+    photofit_image::write_exr(folder.join(format!("{name}.exr")), &[("", &texels, &["Y"])])?;
+    let file = folder.join(format!("{name}.xml"));
+    std::fs::write(&file, scene(name)).with_context(|| format!("{}: cannot write", file.display()))?;
+    Ok(file)
 }
 
 /// The scene, with `plate.exr` for the alpha and `{PIXELS}` for the side of its picture; the drivers of peers read it, too.
@@ -192,8 +196,7 @@ fn scene(name: &str) -> String {
 }
 
 fn task(plate: Plate) -> Result<Task> {
-    let [file, _] = files(plate)?;
-    let scene = load_mitsuba(&file, &MitsubaOptions::default())?;
+    let scene = load_mitsuba(&file(plate)?, &MitsubaOptions::default())?;
     let view = View::from_mitsuba(&scene.sensor);
     let world = World::new(Parts::from_mitsuba(scene))?;
     // Of the textures of a metal those after index of refraction, extinction and colour.

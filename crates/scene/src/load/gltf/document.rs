@@ -449,8 +449,7 @@ mod tests {
         assert!(of_lights.starts_with("invalid type: integer `7`, expected an object"), "{of_lights}");
         assert!(of_lights.contains("line 1"), "{of_lights}");
         assert_eq!(found("7"), "invalid type: integer `7`, expected an object at line 1 column 1");
-        // What the file itself says stays.
-        let said = super::without_types("unknown variant `struct of`, expected `enum a`");
-        assert_eq!(said, "unknown variant `struct of`, expected `enum a`");
+        let said = super::without_types("unknown variant `x`, expected a struct of the enum that is told");
+        assert_eq!(said, "unknown variant `x`, expected a struct of the enum that is told");
     }
 }
