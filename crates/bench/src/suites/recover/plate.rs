@@ -40,6 +40,14 @@ const SHORT_LOOKS: [u64; 4] = [5, 10, 20, 33];
 pub(super) fn run(ctx: &mut Context) -> Result<()> {
     let [short_adam, short_bilateral] = in_a_third(ctx)?;
     let mut task = task(Plate::Judged)?;
+    let tuned = Bilateral { levels: 5, sigma: Sigma::Fixed(0.1), map: GuideMap::Log, ..Bilateral::default() };
+    let cross = Method::filtered("bilateral", 0.1, tuned, Placement::BOTH);
+    let automatic = Bilateral { sigma: Sigma::Auto(2.0), ..tuned };
+    let own = Method::filtered("bilateral, automatic width", 0.05, automatic, Placement::BOTH);
+    // In a third of the steps.
+    let short = [short_adam, short_bilateral.clone(), cross.falling().narrowing(), own.falling().narrowing()];
+    let short = short.map(|m| Method { name: format!("{}, in a third", m.name), ..m });
+    race(ctx, &mut task, &short, &SHORT_LOOKS)?;
     let mut adams = Vec::new();
     for rate in [0.001, 0.01, 0.05] {
         adams.extend([0.2, 0.9].map(|b1| Method::adam(rate, b1)));
@@ -50,12 +58,8 @@ pub(super) fn run(ctx: &mut Context) -> Result<()> {
     let low = [0.01, 0.02].map(Method::low_pass);
     let low: Vec<Method> = low.iter().flat_map(|m| [m.clone(), m.falling().narrowing()]).collect();
     let low = best(&low, &race(ctx, &mut task, &low, last)?).clone();
-    let tuned = Bilateral { levels: 5, sigma: Sigma::Fixed(0.1), map: GuideMap::Log, ..Bilateral::default() };
-    let cross = Method::filtered("bilateral", 0.1, tuned, Placement::BOTH);
-    let automatic = Bilateral { sigma: Sigma::Auto(2.0), ..tuned };
     let mut memoryless = Method::filtered("bilateral, no memory", 0.1, tuned, Placement::BOTH);
     memoryless.betas = [0.0, 0.0];
-    let own = Method::filtered("bilateral, automatic width", 0.05, automatic, Placement::BOTH);
     let methods = [
         adam,
         low,
@@ -63,7 +67,7 @@ pub(super) fn run(ctx: &mut Context) -> Result<()> {
         cross.clone(),
         cross.falling(),
         cross.falling().narrowing(),
-        short_bilateral.clone(),
+        short_bilateral,
         own.clone(),
         own.falling(),
         own.falling().narrowing(),
@@ -73,10 +77,6 @@ pub(super) fn run(ctx: &mut Context) -> Result<()> {
     ];
     let courses = race(ctx, &mut task, &methods, &LOOKS)?;
     plot(ctx, &task, &methods, &courses)?;
-    // The same in a third of the steps.
-    let short = [short_adam, short_bilateral, cross.falling().narrowing(), own.falling().narrowing()];
-    let short = short.map(|m| Method { name: format!("{}, in a third", m.name), ..m });
-    race(ctx, &mut task, &short, &SHORT_LOOKS)?;
     let ends = task.ends()?;
     sheet(&task, &courses, 0, |v| Image::from_fn(TEXELS, TEXELS, 3, |x, y, _| v[y * TEXELS + x]))?;
     let goal = courses[0].loss();
