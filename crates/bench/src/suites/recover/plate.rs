@@ -40,7 +40,7 @@ const SHORT_LOOKS: [u64; 4] = [5, 10, 20, 33];
 pub(super) fn run(ctx: &mut Context) -> Result<()> {
     let [short_adam, short_bilateral] = in_a_third(ctx)?;
     let mut task = task(Plate::Judged)?;
-    let tuned = Bilateral { levels: 5, sigma: Sigma::Fixed(0.1), map: GuideMap::Log, ..Bilateral::default() };
+    let tuned = five_levels(0.1);
     let cross = Method::filtered("bilateral", 0.1, tuned, Placement::BOTH);
     let automatic = Bilateral { sigma: Sigma::Auto(2.0), ..tuned };
     let own = Method::filtered("bilateral, automatic width", 0.05, automatic, Placement::BOTH);
@@ -95,6 +95,11 @@ pub(super) fn run(ctx: &mut Context) -> Result<()> {
     Ok(())
 }
 
+/// The paper's filter with a width of range weights.
+fn five_levels(width: f64) -> Bilateral {
+    Bilateral { levels: 5, sigma: Sigma::Fixed(width), map: GuideMap::Log, ..Bilateral::default() }
+}
+
 /// Adam and the bilateral filter for a third of the steps: of so many settings, all with rates that fall, those with the lowest
 /// loss on the other plate. Levels, b1 and narrowing of the filter are those of the long runs.
 fn in_a_third(ctx: &mut Context) -> Result<[Method; 2]> {
@@ -102,14 +107,10 @@ fn in_a_third(ctx: &mut Context) -> Result<[Method; 2]> {
     let mut bilateral = Vec::new();
     for rate in [0.03, 0.05, 0.1] {
         for width in [0.1, 0.2, 0.4] {
-            let filter = Bilateral {
-                levels: 5,
-                sigma: Sigma::Fixed(width),
-                map: GuideMap::Log,
-                ..Bilateral::default()
-            };
             let name = format!("bilateral, rate {rate}, width {width}");
-            bilateral.push(Method::filtered(&name, rate, filter, Placement::BOTH).falling().narrowing());
+            bilateral.push(
+                Method::filtered(&name, rate, five_levels(width), Placement::BOTH).falling().narrowing(),
+            );
         }
     }
     let mut adams = Vec::new();
