@@ -117,6 +117,11 @@ pub(crate) const SUITES: &[Suite] = &[
         run: recover::cloud::samples,
     },
     Suite {
+        name: "recover-smoothing",
+        about: "textures of many kinds by `recover scene`, errors by the smoothing of its steps",
+        run: recover::smoothing::run,
+    },
+    Suite {
         name: "recover-steps",
         about: "one step of these recoveries, variance of its gradient and time by samples",
         run: recover::steps::run,

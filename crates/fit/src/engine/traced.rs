@@ -27,6 +27,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// Tell the random numbers of pictures and gradients from one another.
 const PICTURE: u64 = 0x7069_6374;
 const GRADIENT: u64 = 0x6772_6164;
+/// Most levels of the bilateral filter.
+const LEVELS: u32 = 4;
 /// Smoothness of the Laplacian filter: as wide as three levels of the bilateral one.
 const LAPLACIAN: f64 = 10.5;
 
@@ -414,16 +416,15 @@ impl Traced {
     }
 }
 
-/// Levels of the filter of a parameter. Of a grid in space: three for 64 voxels per side, one less for each halving, none
-/// below 16; of an environment by its rows: one for 16, one more for each doubling. Wider ones would smooth over what they
-/// hold.
+/// Levels of the filter of a parameter. Of a texture four. Of a grid in space: three for 64 voxels per side, one less for each
+/// halving, none below 16; of an environment by its rows: one for 16, one more for each doubling. Wider ones would smooth over
+/// what they hold.
 fn levels(parameter: &TracedParameter) -> u32 {
     let [depth, height, width, _] = parameter.shape;
-    let usual = Bilateral::default().levels;
     let (side, most) = match parameter.parameter {
         _ if depth > 1 => (depth.max(height).max(width), 3),
-        Parameter::Environment => (height, usual),
-        _ => return usual,
+        Parameter::Environment => (height, LEVELS),
+        _ => return LEVELS,
     };
     side.max(1).ilog2().saturating_sub(3).min(most)
 }
@@ -453,6 +454,8 @@ impl Chain for Traced {
         // A short memory of the first moment: rates stay large while gradients of few samples are averaged over space.
         let temporal = Temporal::adam().betas(0.2, 0.999);
         let new = || Optimizer::new(&group.name, group.len(), temporal);
+        // Of both moments where both are averaged, as Belhe et al. (2025) have it.
+        let paired = || Optimizer::new(&group.name, group.len(), temporal.paired(temporal.beta1));
         let grid = Grid::volume(width, height, depth);
         let made = if known.is_none_or(|p| !self.is_smoothed(p)) {
             new()
@@ -462,15 +465,14 @@ impl Chain for Traced {
                 Smoothing::Laplacian => ScreenedPoisson::new(&group.name, grid, LAPLACIAN)
                     .and_then(|f| new()?.with_filter(Placement::PRE, f)),
                 Smoothing::Bilateral | Smoothing::Narrowing => {
-                    let usual = Bilateral::default();
-                    let levels = index.map_or(usual.levels, |k| self.levels_after(k, self.share));
+                    let levels = index.map_or(LEVELS, |k| self.levels_after(k, self.share));
                     let is_value = index.is_none_or(|k| matches!(self.motions[k], Motion::Values));
                     let map = if is_value { GuideMap::Log } else { GuideMap::Linear };
-                    let settings = Bilateral { levels, map, sigma: Sigma::Auto(2.0), ..usual };
+                    let settings = Bilateral { levels, map, sigma: Sigma::Auto(2.0), ..Bilateral::default() };
                     match levels {
-                        0 => new(),
+                        0 => paired(),
                         _ => GridBilateral::new(&group.name, grid, group.columns, settings)
-                            .and_then(|f| new()?.with_filter(Placement::BOTH, f)),
+                            .and_then(|f| paired()?.with_filter(Placement::POST, f)),
                     }
                 }
             }

@@ -90,9 +90,11 @@ impl Replay<'_> {
     fn transmitted(&mut self, medium: MediumRef, along: &Segment, g: Vec3f) {
         let cell = self.layout.medium(medium).extinction;
         let (Some(rng), true) = (&mut self.media.rng, cell != NONE) else { return };
+        let whole: f32 = (0..3).map(|c| (self.loss[c] * self.total[c] as f32).abs()).sum();
+        let share = g.map(f32::abs).sum() / whole;
         let out = &mut *self.out;
         let add = |voxel, g| out.add(offset(cell, voxel), g);
-        Derivatives::of(self.world, medium).transmittance_vjp(along, g, rng, add);
+        Derivatives::of(self.world, medium).transmittance_vjp(along, g, share, rng, add);
     }
 
     /// Adjoint of a collision, for the gradient `g` of the logarithm of what is scattered.

@@ -12,8 +12,9 @@ use crate::world::World;
 use photofit_sampling::Rng;
 use photofit_scalar::{Vec3f, vec3};
 
-/// Points per segment at which the change of its optical thickness is looked up, one in each equal part.
-const POINTS: u32 = 4;
+/// Points at which the change of the optical thickness of a segment that dims all of a path's light is looked up, one in
+/// each equal part; one that dims less of it has fewer.
+const POINTS: f32 = 4.0;
 /// An albedo below which collisions tell its derivative badly, and the albedo at which they count half of what they count
 /// otherwise.
 const DARK: f32 = 0.05;
@@ -126,11 +127,13 @@ impl<'a> Derivatives<'a> {
     }
 
     /// Adjoint of the logarithm of the transmittance of a segment with respect to the values of the extinction, for its
-    /// gradient `g`: exact, or an unbiased estimate for grids.
+    /// gradient `g`: exact, or an unbiased estimate for grids, with a number of lookups by the `share` of the path's light
+    /// that passes through.
     pub(crate) fn transmittance_vjp(
         self,
         along: &Segment,
         g: Vec3f,
+        share: f32,
         rng: &mut Rng,
         mut add: impl FnMut(usize, Vec3f),
     ) {
@@ -142,9 +145,10 @@ impl<'a> Derivatives<'a> {
             return;
         };
         let Some(inside) = grid.clip(along.origin, along.direction, along.length) else { return };
-        let step = (inside.to - inside.from) / POINTS as f32;
+        let points = (POINTS * share.min(1.0)).ceil().max(1.0);
+        let step = (inside.to - inside.from) / points;
         let g = -g.sum() * step;
-        for i in 0..POINTS {
+        for i in 0..points as u32 {
             let q = inside.at(inside.from + (i as f32 + rng.next_f32()) * step);
             grid.extinction_vjp(q, g, |i, g| add(i, vec3(g, 0.0, 0.0)));
         }

@@ -29,22 +29,23 @@ const DENSE: f32 = 0.1;
 
 pub(super) fn run(ctx: &mut Context) -> Result<()> {
     let mut task = task()?;
-    let mut adams = [0.008, 0.02, 0.05].map(|rate| Method::adam(rate, 0.2)).to_vec();
-    adams.push(Method::adam(0.02, 0.2).falling());
+    let mut adams = [0.008, 0.02, 0.05].map(|rate| Method::adam(rate, 0.2).paired()).to_vec();
+    adams.extend([Method::adam(0.02, 0.2), Method::adam(0.02, 0.2).falling()]);
     let last = &LOOKS[LOOKS.len() - 1..];
     let adam = best(&adams, &race(ctx, &mut task, &adams, last)?).clone();
+    let moments = |name, filter| Method::filtered(name, 0.02, filter, Placement::POST).paired();
     let tuned =
         Bilateral { levels: 3, map: GuideMap::Linear, sigma: Sigma::Fixed(0.1), ..Bilateral::default() };
-    let mut cross = Method::filtered("bilateral", 0.02, tuned, Placement::BOTH);
-    cross.sigmas = vec![0.001, 0.2];
+    let cross = Method { sigmas: vec![0.001, 0.2], ..moments("bilateral", tuned) };
     let own = automatic();
     let methods = [
         adam,
         Method::low_pass(0.02),
+        moments("low-pass of moments", Bilateral::low_pass(3)),
         cross,
         own.clone(),
+        moments("bilateral of moments, automatic width", width()),
         Method::low_pass(0.02).falling().narrowing(),
-        own.falling().narrowing(),
     ];
     let courses = race(ctx, &mut task, &methods, &LOOKS)?;
     plot(ctx, &task, &methods, &courses)?;
@@ -85,8 +86,11 @@ pub(crate) fn samples(ctx: &mut Context) -> Result<()> {
 
 /// The filter whose width follows from the noise.
 fn automatic() -> Method {
-    let filter = Bilateral { levels: 3, map: GuideMap::Log, sigma: Sigma::Auto(2.0), ..Bilateral::default() };
-    Method::filtered("bilateral, automatic width", 0.02, filter, Placement::BOTH)
+    Method::filtered("bilateral, automatic width", 0.02, width(), Placement::BOTH)
+}
+
+fn width() -> Bilateral {
+    Bilateral { levels: 3, map: GuideMap::Log, sigma: Sigma::Auto(2.0), ..Bilateral::default() }
 }
 
 /// Density 0 to 1 and albedo of a cloud with bumps, x fastest.

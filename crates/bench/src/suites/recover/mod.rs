@@ -5,6 +5,7 @@
 pub(super) mod cloud;
 pub(super) mod mesh;
 mod plate;
+pub(super) mod smoothing;
 pub(super) mod steps;
 
 use std::time::Instant;
@@ -98,6 +99,21 @@ impl Method {
             betas: [0.2, 0.999],
             filter,
             sigmas: Vec::new(),
+        }
+    }
+
+    /// The same under another name.
+    fn named(&self, name: &str) -> Self {
+        Self { name: name.into(), ..self.clone() }
+    }
+
+    /// The same with the `b2` that belongs to its `b1` (the paper's methods): [`Temporal::paired`].
+    fn paired(&self) -> Self {
+        let [b1, _] = self.betas;
+        Self {
+            name: format!("{}, paired", self.name),
+            betas: [b1, Temporal::adam().paired(b1).beta2],
+            ..self.clone()
         }
     }
 

@@ -40,40 +40,43 @@ const SHORT_LOOKS: [u64; 4] = [5, 10, 20, 33];
 pub(super) fn run(ctx: &mut Context) -> Result<()> {
     let [short_adam, short_bilateral] = in_a_third(ctx)?;
     let mut task = task(Plate::Judged)?;
-    let tuned = five_levels(0.1);
-    let cross = Method::filtered("bilateral", 0.1, tuned, Placement::BOTH);
-    let automatic = Bilateral { sigma: Sigma::Auto(2.0), ..tuned };
-    let own = Method::filtered("bilateral, automatic width", 0.05, automatic, Placement::BOTH);
+    let cross = bilateral("bilateral", 0.1, four_levels(Sigma::Fixed(0.1)));
+    let own = bilateral("bilateral, automatic width", 0.05, four_levels(Sigma::Auto(2.0)));
     // In a third of the steps.
-    let short = [short_adam, short_bilateral.clone(), cross.falling().narrowing(), own.falling().narrowing()];
+    let short =
+        [short_adam, short_bilateral.clone(), cross.clone(), cross.falling(), own.falling().narrowing()];
     let short = short.map(|m| Method { name: format!("{}, in a third", m.name), ..m });
     race(ctx, &mut task, &short, &SHORT_LOOKS)?;
     let mut adams = Vec::new();
     for rate in [0.001, 0.01, 0.05] {
-        adams.extend([0.2, 0.9].map(|b1| Method::adam(rate, b1)));
+        adams.extend([0.2, 0.5, 0.9].map(|b1| Method::adam(rate, b1).paired()));
     }
-    adams.extend([0.01, 0.03, 0.05].map(|rate| Method::adam(rate, 0.9).falling()));
+    adams.push(Method::adam(0.01, 0.9));
+    adams.extend([0.01, 0.03].map(|rate| Method::adam(rate, 0.9).falling()));
     let last = &LOOKS[LOOKS.len() - 1..];
     let adam = best(&adams, &race(ctx, &mut task, &adams, last)?).clone();
-    let low = [0.01, 0.02].map(Method::low_pass);
-    let low: Vec<Method> = low.iter().flat_map(|m| [m.clone(), m.falling().narrowing()]).collect();
+    let before = Method::low_pass(0.02).falling();
+    let after =
+        Method::filtered("low-pass of moments", 0.1, Bilateral::low_pass(3), Placement::POST).paired();
+    let low = [before.narrowing(), after.clone(), after.falling(), after.falling().narrowing()];
     let low = best(&low, &race(ctx, &mut task, &low, last)?).clone();
-    let mut memoryless = Method::filtered("bilateral, no memory", 0.1, tuned, Placement::BOTH);
-    memoryless.betas = [0.0, 0.0];
+    let of = |name: &str, placement| Method {
+        filter: cross.filter.map(|f| (f.0, placement)),
+        ..cross.named(name)
+    };
     let methods = [
         adam,
         low,
-        Method::plain(0.1),
+        Method::plain(0.1).paired(),
         cross.clone(),
         cross.falling(),
         cross.falling().narrowing(),
         short_bilateral,
-        own.clone(),
-        own.falling(),
         own.falling().narrowing(),
-        Method::filtered("bilateral of gradients alone", 0.1, tuned, Placement::PRE),
-        Method::filtered("bilateral of moments alone", 0.1, tuned, Placement::POST),
-        memoryless,
+        of("bilateral of gradients alone", Placement::PRE),
+        of("bilateral of gradients and moments", Placement::BOTH),
+        Method { betas: [0.2, 0.999], ..cross.named("bilateral, b2 .999") },
+        Method { betas: [0.0, 0.0], ..cross.named("bilateral, no memory") },
     ];
     let courses = race(ctx, &mut task, &methods, &LOOKS)?;
     plot(ctx, &task, &methods, &courses)?;
@@ -82,9 +85,8 @@ pub(super) fn run(ctx: &mut Context) -> Result<()> {
     let goal = courses[0].loss();
     let mut text = format!(
         "{}: {TEXELS} x {TEXELS} texels from one picture of {PIXELS} x {PIXELS} pixels, 16 samples a pixel and 1 for \
-         gradients; Adam and the low-pass filter are the best of the runs above them by the last loss, what \
-         runs in a third of the steps and one bilateral filter the best on another plate of the same kind. Steps until the \
-         loss is below Adam's last one:",
+         gradients; Adam and the low-pass filter are the best of the runs above them by the last loss; of the runs in a third of the steps \
+         the first two are the best of their kind on another plate. Steps until the loss is below Adam's last one:",
         task.name
     );
     for (method, course) in methods.iter().zip(&courses).skip(1) {
@@ -95,37 +97,39 @@ pub(super) fn run(ctx: &mut Context) -> Result<()> {
     Ok(())
 }
 
-/// The paper's filter with a width of range weights.
-fn five_levels(width: f64) -> Bilateral {
-    Bilateral { levels: 5, sigma: Sigma::Fixed(width), map: GuideMap::Log, ..Bilateral::default() }
+/// The paper's filter of moments, with decays that belong to each other.
+fn bilateral(name: &str, rate: f64, filter: Bilateral) -> Method {
+    Method::filtered(name, rate, filter, Placement::POST).paired()
+}
+
+/// The levels of the paper's filter: it counts five, and the first of its code has a stride of 0 and passes all on.
+fn four_levels(sigma: Sigma) -> Bilateral {
+    Bilateral { levels: 4, sigma, map: GuideMap::Log, ..Bilateral::default() }
 }
 
 /// Adam and the bilateral filter for a third of the steps: of so many settings, all with rates that fall, those with the lowest
-/// loss on the other plate. Levels, b1 and narrowing of the filter are those of the long runs.
+/// loss on the other plate. Levels and decays of the filter are those of the paper.
 fn in_a_third(ctx: &mut Context) -> Result<[Method; 2]> {
     let mut other = task(Plate::Other)?;
-    let mut bilateral = Vec::new();
+    let (mut adams, mut filters) = (Vec::new(), Vec::new());
     for rate in [0.03, 0.05, 0.1] {
+        adams.extend([Method::adam(rate, 0.2).paired(), Method::adam(rate, 0.9)].map(|m| m.falling()));
+    }
+    for rate in [0.1, 0.2] {
         for width in [0.1, 0.2, 0.4] {
             let name = format!("bilateral, rate {rate}, width {width}");
-            bilateral.push(
-                Method::filtered(&name, rate, five_levels(width), Placement::BOTH).falling().narrowing(),
-            );
+            filters.push(bilateral(&name, rate, four_levels(Sigma::Fixed(width))).falling());
         }
-    }
-    let mut adams = Vec::new();
-    for rate in [0.03, 0.05, 0.1] {
-        adams.extend([0.2, 0.9].map(|b1| Method::adam(rate, b1).falling()));
     }
     let mut chosen = |methods: &[Method]| -> Result<Method> {
         let courses = race(ctx, &mut other, methods, &SHORT_LOOKS[3..])?;
         Ok(best(methods, &courses).clone())
     };
-    Ok([chosen(&adams)?, chosen(&bilateral)?])
+    Ok([chosen(&adams)?, chosen(&filters)?])
 }
 
 /// Smooth noise in -1..=1 of so many cells.
-fn noise(x: f32, y: f32, cells: u32, seed: u64) -> f32 {
+pub(super) fn noise(x: f32, y: f32, cells: u32, seed: u64) -> f32 {
     let (x, y) = (x * cells as f32, y * cells as f32);
     let at = |i: u32, j: u32| {
         let bits = photofit_sampling::hash(seed, u64::from(i % cells), u64::from(j % cells));
