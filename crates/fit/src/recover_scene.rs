@@ -161,7 +161,7 @@ pub(crate) fn fit(
         .option("rate", options.rate)
         .option("spp", spp)
         .option("gradient_spp", gradient_spp)
-        .option("smoothing", format!("{:?}", model.smoothing).to_lowercase())
+        .option("smoothing", model.smoothing.told())
         .option("parameter", names.join(", "))
         .option("seed", seed)
         .option("max_depth", depth)

@@ -114,7 +114,7 @@ pub(crate) enum TextureSmoothing {
     Adam,
     /// A low-pass filter of gradients.
     Laplacian,
-    /// A filter of gradients and moments that keeps the edges of the texture as it is so far.
+    /// A filter of both moments that keeps the edges of the texture as it is so far.
     Bilateral,
     /// The same, which of textures narrows over the steps until it is gone: finds detail of about a texel to a pixel in fewer steps,
     /// leaves more noise where many texels share a pixel.

@@ -27,7 +27,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// Tell the random numbers of pictures and gradients from one another.
 const PICTURE: u64 = 0x7069_6374;
 const GRADIENT: u64 = 0x6772_6164;
-/// Most levels of the bilateral filter.
+/// Most levels of the bilateral filter: those that average in the code of Belhe et al. (2025), of five; its taps are wider.
 const LEVELS: u32 = 4;
 /// Smoothness of the Laplacian filter: as wide as three levels of the bilateral one.
 const LAPLACIAN: f64 = 10.5;
@@ -65,12 +65,24 @@ pub enum Smoothing {
     None,
     /// Gradients by a low-pass filter.
     Laplacian,
-    /// Gradients and moments by a filter that keeps the edges of the values as they are so far.
+    /// Both moments by a filter that keeps the edges of the values as they are so far.
     #[default]
     Bilateral,
     /// The same, but of textures the filter loses a level after equal parts of a phase and is gone in the last: finds detail of about a texel to
     /// a pixel in fewer steps, and leaves more noise where many texels share a pixel.
     Narrowing,
+}
+
+impl Smoothing {
+    /// Its name in checkpoints: with other decays or levels a fit is another one.
+    pub(crate) fn told(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Laplacian => "laplacian",
+            Self::Bilateral => "bilateral of moments",
+            Self::Narrowing => "narrowing, of moments",
+        }
+    }
 }
 
 /// Which pixels are compared.
@@ -454,10 +466,11 @@ impl Chain for Traced {
         // A short memory of the first moment: rates stay large while gradients of few samples are averaged over space.
         let temporal = Temporal::adam().betas(0.2, 0.999);
         let new = || Optimizer::new(&group.name, group.len(), temporal);
-        // Of both moments where both are averaged, as Belhe et al. (2025) have it.
+        // With the decay of squares that belongs to it where both moments are averaged (Belhe et al. 2025), and where they were: a
+        // sum of squares of one decay has no meaning for another.
         let paired = || Optimizer::new(&group.name, group.len(), temporal.paired(temporal.beta1));
         let grid = Grid::volume(width, height, depth);
-        let made = if known.is_none_or(|p| !self.is_smoothed(p)) {
+        let made = if depth * height * width == 1 || known.is_none_or(|p| !self.is_smoothed(p)) {
             new()
         } else {
             match self.smoothing {

@@ -198,6 +198,32 @@ fn narrowing_filters_find_the_room_too() {
 }
 
 #[test]
+fn moments_that_are_filtered_have_decays_that_belong_to_each_other() {
+    let mut m = model(Smoothing::Bilateral);
+    let groups = Chain::groups(&m);
+    let mut longest = |smoothing, group: usize| {
+        m.smoothing = smoothing;
+        let mut optimizer = m.optimizer(&groups[group]).expect("made");
+        let mut values = vec![0.5; groups[group].len()];
+        for _ in 0..20 {
+            optimizer.step(&mut values, &vec![1.0; groups[group].len()], 0.0).expect("a step");
+        }
+        let before = values.clone();
+        optimizer.step(&mut values, &vec![1e3; groups[group].len()], 0.01).expect("a step");
+        (values[0] - before[0]).abs() / 0.01
+    };
+    let (floor, wall) = (0, 1);
+    // A gradient that is suddenly large moves by about the rate; with a long memory of squares by several times that.
+    for smoothing in [Smoothing::Bilateral, Smoothing::Narrowing] {
+        let (filtered, alone) = (longest(smoothing, wall), longest(smoothing, floor));
+        assert!((0.9..1.07).contains(&filtered) && alone > 2.0, "{filtered} {alone}");
+    }
+    for smoothing in [Smoothing::None, Smoothing::Laplacian] {
+        assert!(longest(smoothing, wall) > 2.0, "{smoothing:?}");
+    }
+}
+
+#[test]
 fn filters_of_textures_narrow_until_there_is_none() {
     let mut m = model(Smoothing::Narrowing);
     let mut changes = Vec::new();

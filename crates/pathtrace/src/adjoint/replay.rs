@@ -215,7 +215,7 @@ impl<'a> Replay<'a> {
         (self.total, self.rest) = (total, total);
         (self.split, self.first, self.here) = (0, None, None);
         self.shadow.clear();
-        self.media.begin(random);
+        self.media.begin(random, self.loss, &self.total);
     }
 
     /// Ends it.

@@ -30,6 +30,8 @@ use photofit_scalar::Vec3f;
 #[derive(Debug, Default)]
 pub(super) struct MediaReplay {
     rng: Option<Rng>,
+    /// What the light of the path counts for the loss, each channel by its size.
+    whole: f32,
     /// Parts of the present shadow ray in media that have parameters.
     pub(super) shadow: Vec<ShadowFlight>,
     /// Sum of the weights of the flights so far, and the one that was chosen.
@@ -50,8 +52,9 @@ struct Chosen {
 impl MediaReplay {
     /// Begins a path.
     #[inline]
-    pub(super) fn begin(&mut self, random: &PathRandom) {
+    pub(super) fn begin(&mut self, random: &PathRandom, loss: Vec3f, total: &[f64; 3]) {
         self.rng = Some(random.derivatives());
+        self.whole = (0..3).map(|c| (loss[c] * total[c] as f32).abs()).sum();
         (self.total, self.chosen) = (0.0, None);
         self.shadow.clear();
     }
@@ -90,11 +93,10 @@ impl Replay<'_> {
     fn transmitted(&mut self, medium: MediumRef, along: &Segment, g: Vec3f) {
         let cell = self.layout.medium(medium).extinction;
         let (Some(rng), true) = (&mut self.media.rng, cell != NONE) else { return };
-        let whole: f32 = (0..3).map(|c| (self.loss[c] * self.total[c] as f32).abs()).sum();
-        let share = g.map(f32::abs).sum() / whole;
+        let carried = g.map(f32::abs).sum() / self.media.whole;
         let out = &mut *self.out;
         let add = |voxel, g| out.add(offset(cell, voxel), g);
-        Derivatives::of(self.world, medium).transmittance_vjp(along, g, share, rng, add);
+        Derivatives::of(self.world, medium).transmittance_vjp(along, g, carried, rng, add);
     }
 
     /// Adjoint of a collision, for the gradient `g` of the logarithm of what is scattered.

@@ -127,13 +127,13 @@ impl<'a> Derivatives<'a> {
     }
 
     /// Adjoint of the logarithm of the transmittance of a segment with respect to the values of the extinction, for its
-    /// gradient `g`: exact, or an unbiased estimate for grids, with a number of lookups by the `share` of the path's light
-    /// that passes through.
+    /// gradient `g`: exact, or an unbiased estimate for grids. `carried` is the part of what the path counts for the loss
+    /// that passes through: the number of lookups goes by it, and by nothing that is random for them.
     pub(crate) fn transmittance_vjp(
         self,
         along: &Segment,
         g: Vec3f,
-        share: f32,
+        carried: f32,
         rng: &mut Rng,
         mut add: impl FnMut(usize, Vec3f),
     ) {
@@ -145,7 +145,7 @@ impl<'a> Derivatives<'a> {
             return;
         };
         let Some(inside) = grid.clip(along.origin, along.direction, along.length) else { return };
-        let points = (POINTS * share.min(1.0)).ceil().max(1.0);
+        let points = (POINTS * carried.min(1.0)).ceil().max(1.0);
         let step = (inside.to - inside.from) / points;
         let g = -g.sum() * step;
         for i in 0..points as u32 {

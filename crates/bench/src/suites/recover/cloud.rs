@@ -44,7 +44,12 @@ pub(super) fn run(ctx: &mut Context) -> Result<()> {
         moments("low-pass of moments", Bilateral::low_pass(3)),
         cross,
         own.clone(),
-        moments("bilateral of moments, automatic width", width()),
+        Method::filtered(
+            "bilateral of gradients and moments, automatic width",
+            0.02,
+            width(),
+            Placement::BOTH,
+        ),
         Method::low_pass(0.02).falling().narrowing(),
     ];
     let courses = race(ctx, &mut task, &methods, &LOOKS)?;
@@ -84,9 +89,9 @@ pub(crate) fn samples(ctx: &mut Context) -> Result<()> {
     Ok(())
 }
 
-/// The filter whose width follows from the noise.
+/// The filter whose width follows from the noise, as `recover volume` has it.
 fn automatic() -> Method {
-    Method::filtered("bilateral, automatic width", 0.02, width(), Placement::BOTH)
+    Method::filtered("bilateral, automatic width", 0.02, width(), Placement::POST).paired()
 }
 
 fn width() -> Bilateral {
