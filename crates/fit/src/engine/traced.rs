@@ -65,7 +65,7 @@ pub enum Smoothing {
     None,
     /// Gradients by a low-pass filter.
     Laplacian,
-    /// Both moments by a filter that keeps the edges of the values as they are so far.
+    /// Both moments, of grids in space gradients, too, by a filter that keeps the edges of the values as they are so far.
     #[default]
     Bilateral,
     /// The same, but of textures the filter loses a level after equal parts of a phase and is gone in the last: finds detail of about a texel to
@@ -484,6 +484,9 @@ impl Chain for Traced {
                     let settings = Bilateral { levels, map, sigma: Sigma::Auto(2.0), ..Bilateral::default() };
                     match levels {
                         0 => paired(),
+                        // Grids in space are found better with a long memory of squares.
+                        _ if depth > 1 => GridBilateral::new(&group.name, grid, group.columns, settings)
+                            .and_then(|f| new()?.with_filter(Placement::BOTH, f)),
                         _ => GridBilateral::new(&group.name, grid, group.columns, settings)
                             .and_then(|f| paired()?.with_filter(Placement::POST, f)),
                     }

@@ -44,12 +44,7 @@ pub(super) fn run(ctx: &mut Context) -> Result<()> {
         moments("low-pass of moments", Bilateral::low_pass(3)),
         cross,
         own.clone(),
-        Method::filtered(
-            "bilateral of gradients and moments, automatic width",
-            0.02,
-            width(),
-            Placement::BOTH,
-        ),
+        moments("bilateral of moments, automatic width", width()),
         Method::low_pass(0.02).falling().narrowing(),
     ];
     let courses = race(ctx, &mut task, &methods, &LOOKS)?;
@@ -91,7 +86,7 @@ pub(crate) fn samples(ctx: &mut Context) -> Result<()> {
 
 /// The filter whose width follows from the noise, as `recover volume` has it.
 fn automatic() -> Method {
-    Method::filtered("bilateral, automatic width", 0.02, width(), Placement::POST).paired()
+    Method::filtered("bilateral, automatic width", 0.02, width(), Placement::BOTH)
 }
 
 fn width() -> Bilateral {
