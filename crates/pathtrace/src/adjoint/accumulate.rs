@@ -1,7 +1,7 @@
 //! Sums of gradients that do not depend on the number of threads.
 //!
-//! Every task sums the small parameters densely, and large images in a table of the cells that it touches, in the order
-//! in which gradients arrive. Tasks are reduced in their order, bands of cells in parallel.
+//! Every task sums the small parameters densely, and those of large images and grids in pages that it makes where it touches
+//! them, in the order in which gradients arrive. Tasks are reduced in their order, bands of cells in parallel.
 
 use super::layout::{NONE, Range};
 use photofit_scalar::Vec3f;
@@ -9,20 +9,20 @@ use rayon::prelude::*;
 
 /// Cells that one thread reduces at a time: a band.
 const BAND: usize = 4096;
-/// Slots of a table at first: a power of two.
-const SLOTS: usize = 1 << 10;
+/// Cells of a page; bands are whole numbers of them.
+const PAGE: usize = 16;
 
 /// The gradients of one task.
 #[derive(Debug)]
 pub(super) struct Accumulator {
     dense: Vec<[f64; 3]>,
-    /// The cells of large images that were touched, each once: by their first touch, in the end by bands.
+    /// The sums of pages of sparse cells, and the number of each page, in the order of their first touch.
+    pages: Vec<[[f64; 3]; PAGE]>,
+    touched: Vec<u32>,
+    /// One more than the place of each page in `pages`, 0 where it was not touched: memory that nobody writes to costs nothing.
+    places: Vec<u32>,
+    /// The sparse cells that were touched, in order, when the task is finished.
     sparse: Vec<(u32, [f64; 3])>,
-    /// Where the cells of each band begin, from the first one that was touched, and where those of the last end.
-    bands: Vec<u32>,
-    first_band: usize,
-    /// A hash table of them by linear probing, at most half full: cell and place in `sparse`.
-    slots: Vec<(u32, u32)>,
     /// Largest remainder of light at the end of a path, relative to the light of the path.
     pub(super) residual: f64,
     /// Contributions that were left out because they were not finite.
@@ -30,13 +30,14 @@ pub(super) struct Accumulator {
 }
 
 impl Accumulator {
-    pub(super) fn new(dense: usize) -> Self {
+    /// Sums for so many cells, the first `dense` of them densely.
+    pub(super) fn new(dense: usize, cells: usize) -> Self {
         Self {
             dense: vec![[0.0; 3]; dense],
+            pages: Vec::new(),
+            touched: Vec::new(),
+            places: vec![0; cells.saturating_sub(dense).div_ceil(PAGE)],
             sparse: Vec::new(),
-            bands: Vec::new(),
-            first_band: 0,
-            slots: Vec::new(),
             residual: 0.0,
             not_finite: 0,
         }
@@ -53,37 +54,23 @@ impl Accumulator {
             return;
         }
         let g = g.to_array().map(f64::from);
-        let sum = match self.dense.get_mut(cell as usize) {
-            Some(sum) => sum,
-            None => self.touch(cell),
+        let sum = match (cell as usize).checked_sub(self.dense.len()) {
+            None => &mut self.dense[cell as usize],
+            Some(at) => self.touch(at),
         };
         (0..3).for_each(|c| sum[c] += g[c]);
     }
 
-    /// The sum of a cell of a large image.
+    /// The sum of a sparse cell.
     #[inline]
-    fn touch(&mut self, cell: u32) -> &mut [f64; 3] {
-        if 2 * self.sparse.len() >= self.slots.len() {
-            self.grow();
+    fn touch(&mut self, at: usize) -> &mut [f64; 3] {
+        let place = &mut self.places[at / PAGE];
+        if *place == 0 {
+            self.pages.push([[0.0; 3]; PAGE]);
+            self.touched.push((at / PAGE) as u32);
+            *place = self.pages.len() as u32;
         }
-        let slot = free_or_own(&self.slots, cell);
-        let (owner, place) = self.slots[slot];
-        if owner == cell {
-            return &mut self.sparse[place as usize].1;
-        }
-        let place = self.sparse.len();
-        self.slots[slot] = (cell, place as u32);
-        self.sparse.push((cell, [0.0; 3]));
-        &mut self.sparse[place].1
-    }
-
-    #[cold]
-    fn grow(&mut self) {
-        self.slots = vec![(NONE, 0); SLOTS.max(2 * self.slots.len())];
-        for (place, (cell, _)) in self.sparse.iter().enumerate() {
-            let slot = free_or_own(&self.slots, *cell);
-            self.slots[slot] = (*cell, place as u32);
-        }
+        &mut self.pages[*place as usize - 1][at % PAGE]
     }
 
     /// Notes what is left of a path's light where nothing should be.
@@ -94,81 +81,46 @@ impl Accumulator {
         }
     }
 
-    /// Ends the task: cells by bands, without the table.
+    /// Ends the task: keeps the cells that are not 0, in order, without the pages.
     pub(super) fn finish(&mut self) {
-        self.slots = Vec::new();
-        let bands = || self.sparse.iter().map(|e| band(e.0));
-        let (Some(first), Some(last)) = (bands().min(), bands().max()) else { return };
-        // A counting sort.
-        let mut ends = vec![0_u32; last - first + 2];
-        self.sparse.iter().for_each(|e| ends[band(e.0) - first + 1] += 1);
-        (1..ends.len()).for_each(|b| ends[b] += ends[b - 1]);
-        (self.bands, self.first_band) = (ends.clone(), first);
-        let mut sorted = vec![(0, [0.0; 3]); self.sparse.len()];
-        for e in &self.sparse {
-            let place = &mut ends[band(e.0) - first];
-            sorted[*place as usize] = *e;
-            *place += 1;
+        let (places, pages) = (std::mem::take(&mut self.places), std::mem::take(&mut self.pages));
+        let mut touched = std::mem::take(&mut self.touched);
+        touched.sort_unstable();
+        for page in touched {
+            let (page, first) = (&pages[places[page as usize] as usize - 1], self.dense.len() + page as usize * PAGE);
+            let sums = page.iter().enumerate().filter(|(_, g)| **g != [0.0; 3]);
+            self.sparse.extend(sums.map(|(k, g)| ((first + k) as u32, *g)));
         }
-        self.sparse = sorted;
     }
 
     /// Adds finished tasks in order to the sums of each parameter, channel by channel of every cell.
     pub(super) fn reduce(tasks: &[Self], ranges: &[Range], totals: &mut [Vec<f64>]) {
         for (range, total) in ranges.iter().zip(totals) {
-            // Its part of each band.
-            let (mut parts, mut rest, mut from) = (Vec::new(), &mut total[..], range.start);
-            while !rest.is_empty() {
-                let cells = (BAND - from % BAND).min(rest.len() / range.channels);
-                let (part, left) = rest.split_at_mut(cells * range.channels);
-                parts.push((from, part));
-                (rest, from) = (left, from + cells);
-            }
-            parts.into_par_iter().for_each(|(from, sums)| {
+            let bands = total.par_chunks_mut(BAND * range.channels).enumerate();
+            bands.for_each(|(band, sums)| {
+                let from = range.start + band * BAND;
                 tasks.iter().for_each(|task| task.add_to(from, sums, range.channels));
             });
         }
     }
 
-    /// Adds to the sums of so many channels of the cells from `from` on, which are in one band, and all dense or none of them is.
+    /// Adds to the sums of so many channels of the cells from `from` on; all dense or none of them is.
     fn add_to(&self, from: usize, sums: &mut [f64], channels: usize) {
         let add = |sum: &mut [f64], g: &[f64; 3]| sum.iter_mut().zip(g).for_each(|(s, g)| *s += g);
         let cells = sums.len() / channels;
         if let Some(dense) = self.dense.get(from..from + cells) {
             return sums.chunks_exact_mut(channels).zip(dense).for_each(|(sum, g)| add(sum, g));
         }
-        let Some(number) = band(from as u32).checked_sub(self.first_band) else { return };
-        let Some(&[begin, end]) = self.bands.get(number..number + 2) else { return };
-        for (cell, g) in &self.sparse[begin as usize..end as usize] {
-            // Another parameter may have a part of the band.
-            if let Some(place) = (*cell as usize).checked_sub(from).filter(|place| *place < cells) {
-                add(&mut sums[place * channels..][..channels], g);
-            }
+        let begin = self.sparse.partition_point(|e| (e.0 as usize) < from);
+        for (cell, g) in self.sparse[begin..].iter().take_while(|e| (e.0 as usize) < from + cells) {
+            add(&mut sums[(*cell as usize - from) * channels..][..channels], g);
         }
     }
-}
-
-/// The band of a cell.
-#[inline]
-fn band(cell: u32) -> usize {
-    cell as usize / BAND
 }
 
 /// The larger one; not a number where one of them is not.
 pub(super) fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
-}
-
-/// The slot of a cell, or the one where it belongs; there are free ones, and their number is a power of two.
-#[inline]
-fn free_or_own(slots: &[(u32, u32)], cell: u32) -> usize {
-    let mask = slots.len() - 1;
-    // Fibonacci hashing: the upper bits of the product are mixed best.
-    let mut slot = ((u64::from(cell.wrapping_mul(0x9e37_79b9)) * slots.len() as u64) >> 32) as usize;
-    while slots[slot].0 != NONE && slots[slot].0 != cell {
-        slot = (slot + 1) & mask;
-    }
-    slot
 }
 
 #[cfg(test)]
@@ -198,7 +150,7 @@ mod tests {
             let mut expected = vec![[0.0; 3]; 1 << 22];
             let tasks: Vec<Accumulator> = (0..3)
                 .map(|task| {
-                    let mut out = Accumulator::new(DENSE);
+                    let mut out = Accumulator::new(DENSE, 1 << 22);
                     let mut sums = BTreeMap::<u32, [f64; 3]>::new();
                     // The last one does not touch the first bands.
                     let first = if task == 2 { 50_000 } else { 0 };

@@ -309,11 +309,12 @@ impl<'a> Adjoint<'a> {
         };
         let ranges = &self.layout.ranges;
         let mut totals: Vec<Vec<f64>> = ranges.iter().map(|r| vec![0.0; r.cells * r.channels]).collect();
+        let cells = ranges.iter().map(|r| r.start + r.cells).max().unwrap_or(0);
         let (mut residual, mut not_finite) = (0.0_f64, 0);
         for start in (0..count).step_by(TASKS) {
             let run = |i: u64| {
                 let task = task(i);
-                let mut out = Accumulator::new(self.layout.dense);
+                let mut out = Accumulator::new(self.layout.dense, cells);
                 let last = task.first.saturating_add(SAMPLES).min(spp);
                 let mut replay = Replay::new(self.world, &self.layout, &mut out, self.kept);
                 for y in task.y..(task.y + TILE).min(h) {
