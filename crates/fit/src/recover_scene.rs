@@ -231,13 +231,13 @@ fn items(model: &Traced, held_out: Option<usize>, steps: u64) -> Vec<Item> {
             Item::of(what, steps > 0 && !names.is_empty(), names.join(", "), why_not)
         })
         .collect();
-    let of = |p: &&TracedParameter| model.is_smoothed(p);
-    let names: Vec<&str> = model.parameters.iter().filter(of).map(|p| p.name.as_str()).collect();
+    let smoothed = (0..model.parameters.len()).filter(|k| model.is_smoothed(*k));
+    let names: Vec<&str> = smoothed.map(|k| model.parameters[k].name.as_str()).collect();
     let why_not = match model.smoothing {
         _ if steps == 0 => rows::NO_STEPS,
         Smoothing::None => "not asked for",
         _ => {
-            "all parameters are single values, grids of fewer than 16 voxels a side, or skies of fewer than 16 rows"
+            "all parameters are single values, textures or grids of fewer than 16 cells a side, or skies of fewer than 16 rows"
         }
     };
     let how = format!("{}: {}", format!("{:?}", model.smoothing).to_lowercase(), names.join(", "));

@@ -94,7 +94,7 @@ impl Default for RecoverVolumeOptions {
             spp: 8,
             gradient_spp: 4,
             max_depth: 16,
-            smoothing: Smoothing::default(),
+            smoothing: Smoothing::Bilateral,
             seed: 0,
             checkpointing: Checkpointing::default(),
         }

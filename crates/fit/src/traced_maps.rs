@@ -27,6 +27,8 @@ const FAINT: f32 = 1e-4;
 
 /// Texels along the side of a pixel's square from which textures move by corrections.
 const MANY: usize = 4;
+/// How the steps of maps are smoothed: the filter stays as wide as it is, for maps begin near what they end as.
+const SMOOTHING: Smoothing = Smoothing::Bilateral;
 
 /// Options of [`traced_maps`].
 #[derive(Clone, Debug)]
@@ -225,6 +227,7 @@ fn model(
         ..RenderOptions::default()
     };
     let mut model = Traced::new(world, rendering, parameters)?;
+    model.smoothing = SMOOTHING;
     (model.gradient_spp, model.evaluation_spp) = (options.gradient_spp, options.reference_spp);
     model.compared = ComparedPixels::Covered;
     Ok(model)
@@ -252,7 +255,7 @@ fn fingerprint(o: &TracedMapsOptions, light: &Scene) -> Fingerprint {
         .option("reference_spp", o.reference_spp)
         .option("lighting", o.lighting.name())
         .option("seed", o.seed)
-        .option("smoothing", Smoothing::default().told())
+        .option("smoothing", SMOOTHING.told())
         .digest("shape of the light asset", shape)
         .digest("maps of the light asset", maps)
 }

@@ -108,8 +108,13 @@ pub(crate) const SUITES: &[Suite] = &[
     },
     Suite {
         name: "recover",
-        about: "textures and volumes through the path tracer, error of parameters and pictures against time",
-        run: recover::run,
+        about: "a texture through the path tracer, error of texture and picture against time by optimizer",
+        run: recover::plate::run,
+    },
+    Suite {
+        name: "recover-cloud",
+        about: "a volume through the path tracer, error of density, albedo and pictures against time by optimizer",
+        run: recover::cloud::run,
     },
     Suite {
         name: "recover-samples",

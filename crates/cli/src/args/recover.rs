@@ -116,15 +116,15 @@ pub(crate) enum TextureSmoothing {
     Laplacian,
     /// A filter of both moments that keeps the edges of the texture as it is so far.
     Bilateral,
-    /// The same, which of textures narrows over the steps until it is gone: finds detail of about a texel to a pixel in fewer steps,
-    /// leaves more noise where many texels share a pixel.
+    /// The same, which of textures narrows over the steps until it is gone: finds patterns narrower than the filter, leaves a
+    /// little more noise of others.
     Narrowing,
 }
 
 // How a fit through the path tracer goes; a doc comment would become that of the command.
 #[derive(Args, Debug)]
 pub(crate) struct TracedFit {
-    /// How steps of textures and grids are smoothed [default: laplacian for materials of a mesh, else bilateral].
+    /// How steps of textures and grids are smoothed [default: narrowing for scenes, laplacian for materials of a mesh, bilateral for volumes].
     #[arg(long, value_name = "HOW", value_enum)]
     pub(crate) smoothing: Option<TextureSmoothing>,
     /// Steps of the fit, all its parts together; fewer are made when the picture stops improving [range: at least 0].

@@ -66,10 +66,10 @@ pub enum Smoothing {
     /// Gradients by a low-pass filter.
     Laplacian,
     /// Both moments, of grids in space gradients, too, by a filter that keeps the edges of the values as they are so far.
-    #[default]
     Bilateral,
-    /// The same, but of textures the filter loses a level after equal parts of a phase and is gone in the last: finds detail of about a texel to
-    /// a pixel in fewer steps, and leaves more noise where many texels share a pixel.
+    /// The same, but of textures the filter loses a level after equal parts of a phase and is gone in the last: finds patterns narrower
+    /// than the filter, which would stay even, and leaves a little more noise of others.
+    #[default]
     Narrowing,
 }
 
@@ -308,17 +308,23 @@ impl Traced {
         }
     }
 
-    /// Whether steps of a parameter are smoothed: of textures, of environments of at least 16 rows, and of grids in space of at
-    /// least 16 voxels along some side, where that is asked for.
-    pub fn is_smoothed(&self, parameter: &TracedParameter) -> bool {
-        parameter.cells() > 1 && levels(parameter) > 0 && self.smoothing != Smoothing::None
+    /// Whether steps of the parameter of this number are smoothed: of environments of at least 16 rows, and of textures and grids
+    /// in space with at least 16 cells that move along some side, where that is asked for.
+    pub fn is_smoothed(&self, parameter: usize) -> bool {
+        self.levels(parameter) > 0 && self.smoothing != Smoothing::None
+    }
+
+    fn levels(&self, parameter: usize) -> u32 {
+        levels(&self.parameters[parameter].parameter, self.moving_shape(parameter).0)
     }
 
     /// Levels of the bilateral filter of a parameter after a share of a phase.
     fn levels_after(&self, parameter: usize, share: f64) -> u32 {
-        let p = &self.parameters[parameter];
-        let all = levels(p);
-        let is_texture = matches!(p.parameter, Parameter::Texels { .. } | Parameter::Graph { .. });
+        let all = self.levels(parameter);
+        let is_texture = matches!(
+            self.parameters[parameter].parameter,
+            Parameter::Texels { .. } | Parameter::Graph { .. }
+        );
         if is_texture && self.smoothing == Smoothing::Narrowing {
             all - (share.clamp(0.0, 1.0) * f64::from(all + 1)).min(f64::from(all)) as u32
         } else {
@@ -428,16 +434,13 @@ impl Traced {
     }
 }
 
-/// Levels of the filter of a parameter. Of a texture four. Of a grid in space: three for 64 voxels per side, one less for each
-/// halving, none below 16; of an environment by its rows: one for 16, one more for each doubling. Wider ones would smooth over
+/// Levels of the filter of cells of these slices, rows and columns, by their longest side, of an environment by its rows: one for 16,
+/// one more for each doubling, at most four, of grids in space three. Wider ones would smooth over
 /// what they hold.
-fn levels(parameter: &TracedParameter) -> u32 {
-    let [depth, height, width, _] = parameter.shape;
-    let (side, most) = match parameter.parameter {
-        _ if depth > 1 => (depth.max(height).max(width), 3),
-        Parameter::Environment => (height, LEVELS),
-        _ => return LEVELS,
-    };
+fn levels(parameter: &Parameter, [depth, height, width]: [usize; 3]) -> u32 {
+    let side =
+        if matches!(parameter, Parameter::Environment) { height } else { depth.max(height).max(width) };
+    let most = if depth > 1 { LEVELS - 1 } else { LEVELS };
     side.max(1).ilog2().saturating_sub(3).min(most)
 }
 
@@ -460,37 +463,31 @@ impl Chain for Traced {
     }
 
     fn optimizer(&self, group: &Group) -> Result<Optimizer<f32>, FitError> {
-        let index = self.parameters.iter().position(|p| p.name == group.name);
-        let known = index.map(|k| &self.parameters[k]);
-        let [depth, height, width] = index.map_or([1; 3], |k| self.moving_shape(k).0);
         // A short memory of the first moment: rates stay large while gradients of few samples are averaged over space.
-        let temporal = Temporal::adam().betas(0.2, 0.999);
-        let new = || Optimizer::new(&group.name, group.len(), temporal);
-        // With the decay of squares that belongs to it where both moments are averaged (Belhe et al. 2025), and where they were: a
-        // sum of squares of one decay has no meaning for another.
-        let paired = || Optimizer::new(&group.name, group.len(), temporal.paired(temporal.beta1));
+        let adam = Temporal::adam().betas(0.2, 0.999);
+        let start = |temporal| Optimizer::new(&group.name, group.len(), temporal);
+        let index = self.parameters.iter().position(|p| p.name == group.name);
+        let smoothed = index.filter(|k| self.is_smoothed(*k));
+        let Some(k) = smoothed else { return start(adam).map_err(FitError::Preconditioner) };
+        let [depth, height, width] = self.moving_shape(k).0;
         let grid = Grid::volume(width, height, depth);
-        let made = if depth * height * width == 1 || known.is_none_or(|p| !self.is_smoothed(p)) {
-            new()
-        } else {
-            match self.smoothing {
-                Smoothing::None => new(),
-                Smoothing::Laplacian => ScreenedPoisson::new(&group.name, grid, LAPLACIAN)
-                    .and_then(|f| new()?.with_filter(Placement::PRE, f)),
-                Smoothing::Bilateral | Smoothing::Narrowing => {
-                    let levels = index.map_or(LEVELS, |k| self.levels_after(k, self.share));
-                    let is_value = index.is_none_or(|k| matches!(self.motions[k], Motion::Values));
-                    let map = if is_value { GuideMap::Log } else { GuideMap::Linear };
-                    let settings = Bilateral { levels, map, sigma: Sigma::Auto(2.0), ..Bilateral::default() };
-                    match levels {
-                        0 => paired(),
-                        // Grids in space are found better with a long memory of squares.
-                        _ if depth > 1 => GridBilateral::new(&group.name, grid, group.columns, settings)
-                            .and_then(|f| new()?.with_filter(Placement::BOTH, f)),
-                        _ => GridBilateral::new(&group.name, grid, group.columns, settings)
-                            .and_then(|f| paired()?.with_filter(Placement::POST, f)),
-                    }
-                }
+        // Grids in space are found better where gradients and moments are averaged, with a long memory of squares; others where
+        // both moments are, with the decay of squares that belongs to it (Belhe et al. 2025). It stays so when the last level is
+        // gone: a sum of squares of one decay has no meaning for another.
+        let (temporal, placement) = match depth {
+            1 => (adam.paired(adam.beta1), Placement::POST),
+            _ => (adam, Placement::BOTH),
+        };
+        let made = match (self.smoothing, self.levels_after(k, self.share)) {
+            (Smoothing::None, _) | (Smoothing::Bilateral | Smoothing::Narrowing, 0) => start(temporal),
+            (Smoothing::Laplacian, _) => ScreenedPoisson::new(&group.name, grid, LAPLACIAN)
+                .and_then(|f| start(adam)?.with_filter(Placement::PRE, f)),
+            (Smoothing::Bilateral | Smoothing::Narrowing, levels) => {
+                let is_value = matches!(self.motions[k], Motion::Values);
+                let map = if is_value { GuideMap::Log } else { GuideMap::Linear };
+                let settings = Bilateral { levels, map, sigma: Sigma::Auto(2.0), ..Bilateral::default() };
+                GridBilateral::new(&group.name, grid, group.columns, settings)
+                    .and_then(|f| start(temporal)?.with_filter(placement, f))
             }
         };
         made.map_err(FitError::Preconditioner)
@@ -556,5 +553,22 @@ impl Chain for Traced {
                 .map_err(|e| ModelError::Picture(Box::new(e)))
         };
         shots.iter().map(one).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_of_filters_follow_from_the_size() {
+        let texture = Parameter::Graph { places: vec![[0, 0]] };
+        let of = |shape| levels(&texture, shape);
+        let of_textures = [[1, 15, 15], [1, 16, 16], [1, 1, 64], [1, 128, 40], [1, 4096, 4096]].map(of);
+        assert_eq!(of_textures, [0, 1, 3, 4, 4]);
+        assert_eq!([[8, 8, 8], [16, 16, 16], [9, 40, 9], [256, 256, 256]].map(of), [0, 1, 2, 3]);
+        let of_skies =
+            [[1, 8, 16], [1, 16, 4096], [1, 256, 512]].map(|shape| levels(&Parameter::Environment, shape));
+        assert_eq!(of_skies, [0, 1, 4]);
     }
 }

@@ -87,7 +87,8 @@ impl Accumulator {
         let mut touched = std::mem::take(&mut self.touched);
         touched.sort_unstable();
         for page in touched {
-            let (page, first) = (&pages[places[page as usize] as usize - 1], self.dense.len() + page as usize * PAGE);
+            let (page, first) =
+                (&pages[places[page as usize] as usize - 1], self.dense.len() + page as usize * PAGE);
             let sums = page.iter().enumerate().filter(|(_, g)| **g != [0.0; 3]);
             self.sparse.extend(sums.map(|(k, g)| ((first + k) as u32, *g)));
         }

@@ -27,7 +27,7 @@ const LOOKS: [u64; 3] = [10, 25, 50];
 /// Density below which albedo is not seen.
 const DENSE: f32 = 0.1;
 
-pub(super) fn run(ctx: &mut Context) -> Result<()> {
+pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     let mut task = task()?;
     let mut adams = [0.008, 0.02, 0.05].map(|rate| Method::adam(rate, 0.2).paired()).to_vec();
     adams.extend([Method::adam(0.02, 0.2), Method::adam(0.02, 0.2).falling()]);

@@ -4,7 +4,7 @@
 
 pub(super) mod cloud;
 pub(super) mod mesh;
-mod plate;
+pub(super) mod plate;
 pub(super) mod smoothing;
 pub(super) mod steps;
 
@@ -364,9 +364,4 @@ fn sheet(task: &Task, courses: &[Course], unknown: usize, shown: impl Fn(&[f32])
     let name = format!("{FOLDER}/{}-{}.png", task.name, u.name.replace(' ', "-"));
     let refs: Vec<&Image> = images.iter().collect();
     Ok(write_png(name, &contact_sheet(&refs, 4, 4))?)
-}
-
-pub(crate) fn run(ctx: &mut Context) -> Result<()> {
-    plate::run(ctx)?;
-    cloud::run(ctx)
 }

@@ -37,7 +37,7 @@ const LOOKS: [u64; 6] = [5, 10, 20, 33, 50, 100];
 /// Those of a run of a third of the steps.
 const SHORT_LOOKS: [u64; 4] = [5, 10, 20, 33];
 
-pub(super) fn run(ctx: &mut Context) -> Result<()> {
+pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     let [short_adam, short_bilateral] = in_a_third(ctx)?;
     let mut task = task(Plate::Judged)?;
     let cross = bilateral("bilateral", 0.1, four_levels(Sigma::Fixed(0.1)));

@@ -36,8 +36,9 @@ struct Floor {
     texel: fn(usize, usize, usize) -> f32,
 }
 
-const FLOORS: [Floor; 7] = [
+const FLOORS: [Floor; 9] = [
     Floor { name: "colours, tiles", channels: 3, texel: |x, y, c| tile(x, y, 16, [0.75, 0.1], c) },
+    Floor { name: "colours, checks", channels: 3, texel: |x, y, c| tile(x, y, 8, [0.75, 0.1], c) },
     Floor { name: "colours, patches", channels: 3, texel: |x, y, c| patch(x, y, c) },
     Floor { name: "colours, smooth", channels: 3, texel: |x, y, c| 0.5 + 0.4 * wave(x, y, 5, 31 + c as u64) },
     Floor {
@@ -46,6 +47,7 @@ const FLOORS: [Floor; 7] = [
         texel: |x, y, c| 0.5 + 0.9 * wave(x, y, TEXELS as u32, 34 + 9 * c as u64),
     },
     Floor { name: "alpha, tiles", channels: 1, texel: |x, y, c| tile(x, y, 32, [0.6, 0.15], c) },
+    Floor { name: "alpha, checks", channels: 1, texel: |x, y, c| tile(x, y, 8, [0.6, 0.15], c) },
     Floor { name: "alpha, smooth", channels: 1, texel: |x, y, _| 0.4 + 0.3 * wave(x, y, 6, 35) },
     Floor {
         name: "alpha, fields",
