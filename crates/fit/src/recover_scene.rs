@@ -237,7 +237,7 @@ fn items(model: &Traced, held_out: Option<usize>, steps: u64) -> Vec<Item> {
         _ if steps == 0 => rows::NO_STEPS,
         Smoothing::None => "not asked for",
         _ => {
-            "all parameters are single values, textures or grids of fewer than 16 cells a side, or skies of fewer than 16 rows"
+            "all parameters are single values, textures or grids of fewer than 16 cells along the longest side, or skies of fewer than 16 rows"
         }
     };
     let how = format!("{}: {}", format!("{:?}", model.smoothing).to_lowercase(), names.join(", "));

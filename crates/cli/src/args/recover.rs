@@ -116,8 +116,8 @@ pub(crate) enum TextureSmoothing {
     Laplacian,
     /// A filter of both moments that keeps the edges of the texture as it is so far.
     Bilateral,
-    /// The same, which of textures narrows over the steps until it is gone: finds patterns narrower than the filter, leaves a
-    /// little more noise of others.
+    /// The same, which of textures narrows over the steps until it is gone: finds patterns narrower than the filter, leaves more
+    /// noise of others.
     Narrowing,
 }
 

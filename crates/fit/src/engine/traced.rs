@@ -68,7 +68,7 @@ pub enum Smoothing {
     /// Both moments, of grids in space gradients, too, by a filter that keeps the edges of the values as they are so far.
     Bilateral,
     /// The same, but of textures the filter loses a level after equal parts of a phase and is gone in the last: finds patterns narrower
-    /// than the filter, which would stay even, and leaves a little more noise of others.
+    /// than the filter, which would stay even, and leaves more noise of others.
     #[default]
     Narrowing,
 }
@@ -78,9 +78,9 @@ impl Smoothing {
     pub(crate) fn told(self) -> &'static str {
         match self {
             Self::None => "none",
-            Self::Laplacian => "laplacian",
-            Self::Bilateral => "bilateral of moments",
-            Self::Narrowing => "narrowing, of moments",
+            Self::Laplacian => "laplacian, by size",
+            Self::Bilateral => "bilateral of moments, by size",
+            Self::Narrowing => "narrowing, of moments, by size",
         }
     }
 }
@@ -325,11 +325,7 @@ impl Traced {
             self.parameters[parameter].parameter,
             Parameter::Texels { .. } | Parameter::Graph { .. }
         );
-        if is_texture && self.smoothing == Smoothing::Narrowing {
-            all - (share.clamp(0.0, 1.0) * f64::from(all + 1)).min(f64::from(all)) as u32
-        } else {
-            all
-        }
+        if is_texture && self.smoothing == Smoothing::Narrowing { narrowed(all, share) } else { all }
     }
 
     fn update(&mut self, parameter: usize) -> Result<(), photofit_pathtrace::PathtraceError> {
@@ -434,14 +430,19 @@ impl Traced {
     }
 }
 
-/// Levels of the filter of cells of these slices, rows and columns, by their longest side, of an environment by its rows: one for 16,
-/// one more for each doubling, at most four, of grids in space three. Wider ones would smooth over
-/// what they hold.
+/// Levels of the filter of these slices, rows and columns of what moves, by the longest side, of an environment by its rows: one for
+/// 16, one more for each doubling, at most four of textures and environments and three of grids in space. Wider ones would
+/// smooth over what they hold.
 fn levels(parameter: &Parameter, [depth, height, width]: [usize; 3]) -> u32 {
     let side =
         if matches!(parameter, Parameter::Environment) { height } else { depth.max(height).max(width) };
     let most = if depth > 1 { LEVELS - 1 } else { LEVELS };
     side.max(1).ilog2().saturating_sub(3).min(most)
+}
+
+/// The levels that are left of so many after a share of a phase: each, and none at last, has an equal part of it.
+fn narrowed(all: u32, share: f64) -> u32 {
+    all - (share.clamp(0.0, 1.0) * f64::from(all + 1)).min(f64::from(all)) as u32
 }
 
 impl Chain for Traced {
@@ -479,7 +480,8 @@ impl Chain for Traced {
             _ => (adam, Placement::BOTH),
         };
         let made = match (self.smoothing, self.levels_after(k, self.share)) {
-            (Smoothing::None, _) | (Smoothing::Bilateral | Smoothing::Narrowing, 0) => start(temporal),
+            (Smoothing::None, _) => start(adam),
+            (Smoothing::Bilateral | Smoothing::Narrowing, 0) => start(temporal),
             (Smoothing::Laplacian, _) => ScreenedPoisson::new(&group.name, grid, LAPLACIAN)
                 .and_then(|f| start(adam)?.with_filter(Placement::PRE, f)),
             (Smoothing::Bilateral | Smoothing::Narrowing, levels) => {
@@ -570,5 +572,21 @@ mod tests {
         let of_skies =
             [[1, 8, 16], [1, 16, 4096], [1, 256, 512]].map(|shape| levels(&Parameter::Environment, shape));
         assert_eq!(of_skies, [0, 1, 4]);
+    }
+
+    #[test]
+    fn levels_are_lost_one_by_one() {
+        let left: Vec<u32> = (0..10).map(|k| narrowed(4, (f64::from(k) + 0.5) / 10.0)).collect();
+        assert_eq!(left, [4, 4, 3, 3, 2, 2, 1, 1, 0, 0]);
+        assert_eq!([0.0, 0.49, 0.5, 1.0].map(|share| narrowed(1, share)), [1, 1, 0, 0]);
+        assert_eq!(narrowed(0, 0.3), 0);
+    }
+
+    #[test]
+    fn textures_of_scenes_narrow_and_other_fits_stay() {
+        use crate::{recover_material::RecoverMaterialOptions, recover_volume::RecoverVolumeOptions};
+        assert_eq!(Smoothing::default(), Smoothing::Narrowing);
+        assert_eq!(RecoverVolumeOptions::default().smoothing, Smoothing::Bilateral);
+        assert_eq!(RecoverMaterialOptions::default().smoothing, Smoothing::Laplacian);
     }
 }

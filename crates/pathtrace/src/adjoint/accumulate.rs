@@ -9,8 +9,8 @@ use rayon::prelude::*;
 
 /// Cells that one thread reduces at a time: a band.
 const BAND: usize = 4096;
-/// Cells of a page; bands are whole numbers of them.
-const PAGE: usize = 16;
+/// Cells of a page.
+const PAGE: usize = 8;
 
 /// The gradients of one task.
 #[derive(Debug)]
@@ -19,7 +19,7 @@ pub(super) struct Accumulator {
     /// The sums of pages of sparse cells, and the number of each page, in the order of their first touch.
     pages: Vec<[[f64; 3]; PAGE]>,
     touched: Vec<u32>,
-    /// One more than the place of each page in `pages`, 0 where it was not touched: memory that nobody writes to costs nothing.
+    /// One more than the place of each page in `pages`; 0 where it was not touched.
     places: Vec<u32>,
     /// The sparse cells that were touched, in order, when the task is finished.
     sparse: Vec<(u32, [f64; 3])>,
@@ -30,13 +30,18 @@ pub(super) struct Accumulator {
 }
 
 impl Accumulator {
-    /// Sums for so many cells, the first `dense` of them densely.
-    pub(super) fn new(dense: usize, cells: usize) -> Self {
+    /// Places of the pages of so many cells, the first `dense` of which have none.
+    pub(super) fn places(dense: usize, cells: usize) -> Vec<u32> {
+        vec![0; cells.saturating_sub(dense).div_ceil(PAGE)]
+    }
+
+    /// Sums of so many dense cells and of those that have these places.
+    pub(super) fn new(dense: usize, places: Vec<u32>) -> Self {
         Self {
             dense: vec![[0.0; 3]; dense],
             pages: Vec::new(),
             touched: Vec::new(),
-            places: vec![0; cells.saturating_sub(dense).div_ceil(PAGE)],
+            places,
             sparse: Vec::new(),
             residual: 0.0,
             not_finite: 0,
@@ -81,17 +86,19 @@ impl Accumulator {
         }
     }
 
-    /// Ends the task: keeps the cells that are not 0, in order, without the pages.
-    pub(super) fn finish(&mut self) {
-        let (places, pages) = (std::mem::take(&mut self.places), std::mem::take(&mut self.pages));
+    /// Ends the task: keeps the cells that are not 0, in order, without the pages, and returns the places for the next one.
+    pub(super) fn finish(&mut self) -> Vec<u32> {
+        let (mut places, pages) = (std::mem::take(&mut self.places), std::mem::take(&mut self.pages));
         let mut touched = std::mem::take(&mut self.touched);
         touched.sort_unstable();
+        self.sparse.reserve_exact(pages.as_flattened().iter().filter(|g| **g != [0.0; 3]).count());
         for page in touched {
-            let (page, first) =
-                (&pages[places[page as usize] as usize - 1], self.dense.len() + page as usize * PAGE);
-            let sums = page.iter().enumerate().filter(|(_, g)| **g != [0.0; 3]);
+            let place = std::mem::take(&mut places[page as usize]) as usize - 1;
+            let first = self.dense.len() + page as usize * PAGE;
+            let sums = pages[place].iter().enumerate().filter(|(_, g)| **g != [0.0; 3]);
             self.sparse.extend(sums.map(|(k, g)| ((first + k) as u32, *g)));
         }
+        places
     }
 
     /// Adds finished tasks in order to the sums of each parameter, channel by channel of every cell.
@@ -149,9 +156,10 @@ mod tests {
                 [range(0, DENSE, 3), range(DENSE, whole - DENSE, 1), range(whole, (1 << 22) - whole, 3)];
             let mut totals = ranges.map(|r| vec![0.0; r.cells * r.channels]);
             let mut expected = vec![[0.0; 3]; 1 << 22];
+            let mut places = Accumulator::places(DENSE, 1 << 22);
             let tasks: Vec<Accumulator> = (0..3)
                 .map(|task| {
-                    let mut out = Accumulator::new(DENSE, 1 << 22);
+                    let mut out = Accumulator::new(DENSE, std::mem::take(&mut places));
                     let mut sums = BTreeMap::<u32, [f64; 3]>::new();
                     // The last one does not touch the first bands.
                     let first = if task == 2 { 50_000 } else { 0 };
@@ -164,7 +172,7 @@ mod tests {
                     for (cell, sum) in sums {
                         (0..3).for_each(|c| expected[cell as usize][c] += sum[c]);
                     }
-                    out.finish();
+                    places = out.finish();
                     out
                 })
                 .collect();

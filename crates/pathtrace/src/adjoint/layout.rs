@@ -1,7 +1,7 @@
 //! Where the gradient of each parameter is accumulated.
 //!
 //! A cell holds up to three channels. Parameters of few cells come first: they are summed densely by every task; the
-//! cells of large images are summed in tables of those that are touched.
+//! cells of large images and grids are summed in pages, which are made where they are touched.
 
 use super::parameter::{
     MaterialValue, Parameter, VALUES, changes_directions, library_material, maps_of, not_differentiable,
@@ -75,7 +75,8 @@ pub(super) struct Layout {
     pub(super) bounded: Vec<MediumCells>,
     /// Values of media are asked for.
     pub(super) media: bool,
-    /// Cells that are summed densely.
+    /// Cells, and those of them that are summed densely, which come first.
+    pub(super) cells: usize,
     pub(super) dense: usize,
     /// Absorption is asked for.
     pub(super) absorption: bool,
@@ -125,6 +126,7 @@ impl Layout {
             volumes: vec![MediumCells::NONE; world.media.boxes.len()],
             bounded: vec![MediumCells::NONE; world.media.bounded.len()],
             media: false,
+            cells: start,
             dense,
             absorption: false,
         };

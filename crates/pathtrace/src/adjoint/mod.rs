@@ -42,6 +42,7 @@ use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 use replay::{Replay, Total};
 use std::borrow::Cow;
+use std::sync::{Mutex, PoisonError};
 use tape::Recorder;
 
 /// Samples of a pixel in one task, and tasks between two reductions: bounds on what waits to be summed.
@@ -309,12 +310,15 @@ impl<'a> Adjoint<'a> {
         };
         let ranges = &self.layout.ranges;
         let mut totals: Vec<Vec<f64>> = ranges.iter().map(|r| vec![0.0; r.cells * r.channels]).collect();
-        let cells = ranges.iter().map(|r| r.start + r.cells).max().unwrap_or(0);
+        // One for each task that runs, used again by those that follow.
+        let places = Mutex::new(Vec::new());
         let (mut residual, mut not_finite) = (0.0_f64, 0);
         for start in (0..count).step_by(TASKS) {
             let run = |i: u64| {
                 let task = task(i);
-                let mut out = Accumulator::new(self.layout.dense, cells);
+                let free = places.lock().unwrap_or_else(PoisonError::into_inner).pop();
+                let free = free.unwrap_or_else(|| Accumulator::places(self.layout.dense, self.layout.cells));
+                let mut out = Accumulator::new(self.layout.dense, free);
                 let last = task.first.saturating_add(SAMPLES).min(spp);
                 let mut replay = Replay::new(self.world, &self.layout, &mut out, self.kept);
                 for y in task.y..(task.y + TILE).min(h) {
@@ -330,7 +334,8 @@ impl<'a> Adjoint<'a> {
                         }
                     }
                 }
-                out.finish();
+                let free = out.finish();
+                places.lock().unwrap_or_else(PoisonError::into_inner).push(free);
                 out
             };
             let batch = start..(start + TASKS as u64).min(count);

@@ -67,6 +67,37 @@ fn a_scene_stopped_anywhere_is_recovered_to_the_same_bits() {
 }
 
 #[test]
+fn filters_that_narrow_go_on_to_the_same_bits() {
+    let start = |smoothing| {
+        let mut m = model(smoothing);
+        (m.options.spp, m.gradient_spp, m.evaluation_spp) = (1, 1, 2);
+        [0.5, 0.5, 3.0].into_iter().enumerate().for_each(|(k, v)| {
+            m.replace(k, &vec![v; m.of(k).len()]).expect("valid");
+        });
+        assert!(m.is_smoothed(1), "the wall has a filter");
+        m
+    };
+    let target = [model(Smoothing::None).picture(&view(), 16, 99).expect("rendered")];
+    for smoothing in [Smoothing::Bilateral, Smoothing::Narrowing] {
+        let fit = |folder: Option<&Path>, progress: &dyn Progress| {
+            let checkpointing =
+                Checkpointing { checkpoint: folder.map(Into::into), resume: true, time_limit: None };
+            let options = RecoverSceneOptions { steps: STEPS, rate: 0.08, seed: 3, checkpointing };
+            let r = recover_scene(start(smoothing), &[view()], &target, &options, progress).expect("fits");
+            let values: Vec<u32> = (0..3).flat_map(|k| r.model.of(k)).map(|v| v.to_bits()).collect();
+            (r.stopped, values)
+        };
+        let (_, whole) = fit(None, &Silent);
+        // Before, at and after the step that loses the level, half of them.
+        for at in [3, 26, 28, 29, 40] {
+            let dir = tempfile::tempdir().expect("a folder");
+            assert!(fit(Some(dir.path()), &Stop(AtomicUsize::new(0), at)).0, "stopped after {at}");
+            assert!(fit(Some(dir.path()), &Silent).1 == whole, "{smoothing:?}, stopped after {at}");
+        }
+    }
+}
+
+#[test]
 fn a_checkpoint_of_another_scene_is_refused() {
     let targets = targets(16);
     let dir = tempfile::tempdir().expect("a folder");
