@@ -59,14 +59,15 @@ impl Accumulator {
             return;
         }
         let g = g.to_array().map(f64::from);
-        let sum = match (cell as usize).checked_sub(self.dense.len()) {
-            None => &mut self.dense[cell as usize],
-            Some(at) => self.touch(at),
+        let dense = self.dense.len();
+        let sum = match self.dense.get_mut(cell as usize) {
+            Some(sum) => sum,
+            None => self.touch(cell as usize - dense),
         };
         (0..3).for_each(|c| sum[c] += g[c]);
     }
 
-    /// The sum of a sparse cell.
+    /// The sum of a sparse cell, counted from the first of them.
     #[inline]
     fn touch(&mut self, at: usize) -> &mut [f64; 3] {
         let place = &mut self.places[at / PAGE];

@@ -1,5 +1,5 @@
-//! Textures of many kinds by `recover scene`, by the smoothing of its steps: the default is to be good for all of them. Its filter was chosen on other tiles, smooth noise and a mixed alpha
-//! of this kind, and on the fields of the last floor.
+//! Textures of many kinds by `recover scene`, by the smoothing of its steps: the default is to be good for all of them. The filter was chosen on other tiles, smooth noise and a mixed alpha
+//! of this kind, and on the fields of the last floor; that it narrows, on the checks here, whose squares are narrower than it.
 
 use std::path::Path;
 use std::time::Instant;
