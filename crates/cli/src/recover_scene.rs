@@ -18,7 +18,7 @@ use glam::DVec3;
 use photofit_fit::FitError;
 use photofit_fit::engine::traced::{Smoothing, Traced, TracedParameter};
 use photofit_fit::engine::trainer::Checkpointing;
-use photofit_fit::recover_scene::{RecoverSceneOptions, recover_scene};
+use photofit_fit::recover_scene::{RecoverSceneOptions, check_resume, recover_scene};
 use photofit_image::Image;
 use photofit_pathtrace::{View, World};
 use std::time::Instant;
@@ -63,8 +63,6 @@ pub(crate) fn run(a: &RecoverScene) -> Result<Ending> {
     let cameras = if matches!(source, Source::List(_)) { Cameras::Others } else { Cameras::Own };
     let mut task = task(a, Subject::load(&scene, cameras, &places)?, &source)?;
     begin(a, &mut task)?;
-    std::fs::create_dir_all(&a.output).with_context(|| a.output.display().to_string())?;
-    found::write_start(&a.output, &task.model, &task.views, &task.targets)?;
     let Task { model, views, quantities, boxes, targets, truth } = task;
     let first = truth.as_ref().map(|t| errors(&model, &quantities, t));
     let options = RecoverSceneOptions {
@@ -77,11 +75,14 @@ pub(crate) fn run(a: &RecoverScene) -> Result<Ending> {
             time_limit: a.time_limit,
         },
     };
+    let named = |e| anyhow!("{}: {}", a.scene.input.display(), name_options(RECOVER_SCENE, e));
+    check_resume(&model, &options).map_err(named)?;
+    std::fs::create_dir_all(&a.output).with_context(|| a.output.display().to_string())?;
+    found::write_start(&a.output, &model, &views, &targets)?;
     interrupt::handle();
     let progress = Terminal::new();
     let began = Instant::now();
-    let r = recover_scene(model, &views, &targets, &options, &progress)
-        .map_err(|e| anyhow!("{}: {}", a.scene.input.display(), name_options(RECOVER_SCENE, e)))?;
+    let r = recover_scene(model, &views, &targets, &options, &progress).map_err(named)?;
     let seconds = began.elapsed().as_secs_f64();
     progress.finish();
     tell_course(r.stopped, a.explain.then_some(&r.plan))?;

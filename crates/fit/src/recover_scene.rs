@@ -7,13 +7,13 @@
 
 mod doubts;
 
-use crate::engine::checkpoint::Digest;
+use crate::engine::checkpoint::{Digest, check_options};
 use crate::engine::cpu::Cpu;
 use crate::engine::fingerprint::Fingerprint;
 use crate::engine::given::{GivenPicture, GivenPictures, Order};
 use crate::engine::loss;
 use crate::engine::plan::{Item, PlanRows, rows};
-use crate::engine::traced::{ComparedPixels, Smoothing, Traced, TracedParameter, WHOLE};
+use crate::engine::traced::{ComparedPixels, Smoothing, Traced, TracedParameter, WHOLE, filters};
 use crate::engine::trainer::{Batch, Checkpointing, HeldOut, HistoryPoint, Job, Measure, Phase, train};
 use crate::engine::views::{Sampling, ViewCamera, ViewLights};
 use crate::pictures::value_fault;
@@ -149,29 +149,14 @@ pub(crate) fn fit(
     let evaluated = source.held_out() as u64;
     let evaluation = HeldOut::new(&source, &source, Sampling::SUPERSAMPLED, evaluated, options.seed)?;
     let evaluation = evaluation.measured_by(Measure::Relative);
-    let (spp, gradient_spp) = (model.options.spp, model.gradient_spp);
-    let names: Vec<&str> = model.parameters.iter().map(|p| p.name.as_str()).collect();
     let mut seen = Digest::new();
     source.pictures().iter().for_each(|p| seen.add(&p.image.data));
     seen.add_bytes(format!("{views:?} {:?}", model.parameters).as_bytes());
     // What is not fitted has to be the same, too: a coarse picture of the start stands for it.
     seen.add(&model.picture(&views[0], 1, options.seed)?.data);
-    let (seed, depth) = (model.options.seed, model.options.path.max_depth);
-    let fingerprint = Fingerprint::default()
-        .option("rate", options.rate)
-        .option("spp", spp)
-        .option("gradient_spp", gradient_spp)
-        .option("smoothing", model.smoothing.told())
-        .option("parameter", names.join(", "))
-        .option("seed", seed)
-        .option("max_depth", depth)
-        .option("evaluation_spp", model.evaluation_spp)
-        .digest("scene, pictures, cameras or starting values", seen);
-    let fingerprint = if model.guidance.is_on() {
-        fingerprint.option("guiding", model.guidance.report().map_or("on", |r| r.guiding.name()))
-    } else {
-        fingerprint
-    };
+    let fingerprint = of_options(&model, options)
+        .digest("scene, pictures, cameras or starting values", seen)
+        .digest(filters::RULED, filters::RULE);
     let job = Job {
         reference: &source,
         views: &source,
@@ -207,6 +192,38 @@ pub(crate) fn fit(
     })
 }
 
+/// Refuses a checkpoint that the fit could not go on from since it was made with other options, before there are pictures to
+/// compare. What else is another one is told by [`recover_scene`].
+///
+/// # Errors
+/// [`FitError::OtherFit`].
+pub fn check_resume(model: &Traced, options: &RecoverSceneOptions) -> Result<(), FitError> {
+    let Checkpointing { checkpoint, resume, .. } = &options.checkpointing;
+    match checkpoint {
+        Some(folder) if *resume => check_options(folder, &of_options(model, options)),
+        _ => Ok(()),
+    }
+}
+
+/// What a fit that goes on from a checkpoint must share with it and users can name.
+fn of_options(model: &Traced, options: &RecoverSceneOptions) -> Fingerprint {
+    let names: Vec<&str> = model.parameters.iter().map(|p| p.name.as_str()).collect();
+    let fingerprint = Fingerprint::default()
+        .option("rate", options.rate)
+        .option("spp", model.options.spp)
+        .option("gradient_spp", model.gradient_spp)
+        .option("smoothing", model.smoothing.name())
+        .option("parameter", names.join(", "))
+        .option("seed", model.options.seed)
+        .option("max_depth", model.options.path.max_depth)
+        .option("evaluation_spp", model.evaluation_spp);
+    match model.guidance.report() {
+        Some(r) if model.guidance.is_on() => fingerprint.option("guiding", r.guiding.name()),
+        None if model.guidance.is_on() => fingerprint.option("guiding", "on"),
+        _ => fingerprint,
+    }
+}
+
 /// The rows of the plan that the model gives, of a fit that made so many steps.
 fn items(model: &Traced, held_out: Option<usize>, steps: u64) -> Vec<Item> {
     const MATERIALS: &str = "material gradients";
@@ -231,17 +248,7 @@ fn items(model: &Traced, held_out: Option<usize>, steps: u64) -> Vec<Item> {
             Item::of(what, steps > 0 && !names.is_empty(), names.join(", "), why_not)
         })
         .collect();
-    let smoothed = (0..model.parameters.len()).filter(|k| model.is_smoothed(*k));
-    let names: Vec<&str> = smoothed.map(|k| model.parameters[k].name.as_str()).collect();
-    let why_not = match model.smoothing {
-        _ if steps == 0 => rows::NO_STEPS,
-        Smoothing::None => "not asked for",
-        _ => {
-            "all parameters are single values, textures or grids of fewer than 16 cells along the longest side, or skies of fewer than 16 rows"
-        }
-    };
-    let how = format!("{}: {}", format!("{:?}", model.smoothing).to_lowercase(), names.join(", "));
-    items.push(Item::of("smoothed steps", steps > 0 && !names.is_empty(), how, why_not));
+    items.push(smoothed(model, steps > 0));
     items.push(Item::of(
         "held-out picture",
         held_out.is_some(),
@@ -249,6 +256,33 @@ fn items(model: &Traced, held_out: Option<usize>, steps: u64) -> Vec<Item> {
         format!("there are fewer than {FEWEST_TO_HOLD_OUT}: the fit is judged by what it is fitted to"),
     ));
     items
+}
+
+/// What steps are smoothed by, and of which parameters.
+fn smoothed(model: &Traced, steps: bool) -> Item {
+    let names = |which: &dyn Fn(usize) -> bool| {
+        let of = (0..model.parameters.len()).filter(|k| which(*k));
+        of.map(|k| model.parameters[k].name.as_str()).collect::<Vec<_>>().join(", ")
+    };
+    let narrow = names(&|k| model.narrows(k));
+    let wide = names(&|k| model.is_smoothed(k) && !model.narrows(k));
+    let small = names(&|k| model.parameters[k].cells() > 1 && !model.is_smoothed(k));
+    let how = match model.smoothing {
+        Smoothing::Narrowing => Smoothing::Bilateral,
+        other => other,
+    };
+    let rows = [(Smoothing::Narrowing.name(), narrow), (how.name(), wide), ("too small for a filter", small)];
+    let told = rows.iter().filter(|(_, names)| !names.is_empty());
+    let told: Vec<String> = told.map(|(how, names)| format!("{how}: {names}")).collect();
+    let why_not = match model.smoothing {
+        _ if !steps => rows::NO_STEPS,
+        Smoothing::None => "not asked for",
+        _ => {
+            "all parameters are single values, textures or grids of fewer than 16 cells along the longest side, or skies of fewer than 16 rows"
+        }
+    };
+    let any = (0..model.parameters.len()).any(|k| model.is_smoothed(k));
+    Item::of("smoothed steps", steps && any, told.join("; "), why_not)
 }
 
 /// Moves the values into their ranges, so that what has no derivative at 0 starts above it.

@@ -11,7 +11,7 @@ use crate::engine::fingerprint::Fingerprint;
 use crate::engine::loss::{self, PictureLoss};
 use crate::engine::plan::{Item, PlanRows, rows};
 use crate::engine::reference::{self, ENERGY, MaterialFeatures, PathTraced, SAMPLES};
-use crate::engine::traced::{ComparedPixels, Smoothing, Traced, TracedParameter, WHOLE};
+use crate::engine::traced::{ComparedPixels, Smoothing, Traced, TracedParameter, WHOLE, filters};
 use crate::engine::trainer::{
     Batch, Checkpointing, HELD_OUT, HeldOut, HistoryPoint, Job, Measure, Phase, train,
 };
@@ -255,9 +255,9 @@ fn fingerprint(o: &TracedMapsOptions, light: &Scene) -> Fingerprint {
         .option("reference_spp", o.reference_spp)
         .option("lighting", o.lighting.name())
         .option("seed", o.seed)
-        .option("smoothing", SMOOTHING.told())
         .digest("shape of the light asset", shape)
         .digest("maps of the light asset", maps)
+        .digest(filters::RULED, format!("{}, {}", SMOOTHING.name(), filters::RULE))
 }
 
 /// The rows of the plan.

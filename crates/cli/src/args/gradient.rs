@@ -6,6 +6,9 @@ use std::path::PathBuf;
 
 /// The gradient is that of `sum(W I)`: the pixels of the path-traced picture I, weighted by W.
 #[derive(Args, Debug)]
+#[command(
+    override_usage = "photofit gradient <SCENE> --parameter <KEY> [OPTIONS]\n       photofit gradient <SCENE> --list"
+)]
 pub(crate) struct Gradient {
     #[command(flatten)]
     pub(crate) scene: ParameterScene,

@@ -85,6 +85,15 @@ fn a_stopped_run_goes_on_to_the_same_values() {
     let again = figures(&d.join("again"));
     assert!(again["seconds_per_iteration"].is_null(), "{again}");
     assert_eq!(again["parameters"], end["parameters"]);
+    // With another option it is refused by the names that are typed, before anything is written.
+    let base = ["recover", "scene", "s.xml", "--self-test", "--steps", "30", "--spp", "64"];
+    let other = ["-o", "other", "--checkpoint", "state", "--resume", "--smoothing", "bilateral"];
+    let o = photofit(d, &[&base[..], &WHITE, &lamp, &other].concat());
+    assert_eq!(o.status.code(), Some(1));
+    let told = stderr(&o);
+    assert!(told.contains("fit.ckpt: is the checkpoint of another fit"), "{told}");
+    assert!(told.contains("--smoothing was narrowing and is bilateral"), "{told}");
+    assert!(!d.join("other").exists());
 }
 
 #[test]

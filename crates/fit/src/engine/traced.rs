@@ -5,6 +5,7 @@
 //! which is frozen as long as the model is: gradients have the same expectation with it and without.
 
 mod correction;
+pub(crate) mod filters;
 
 use super::cpu::Chain;
 use super::loss::PictureLoss;
@@ -15,10 +16,10 @@ use super::views::Shot;
 use crate::FitError;
 use crate::guiding::Guidance;
 use correction::{Correction, Motion};
+pub use filters::Smoothing;
+use filters::{levels, narrowed, optimizer};
 use photofit_image::Image;
-use photofit_optim::{
-    Bilateral, Grid, GridBilateral, GuideMap, Optimizer, Placement, ScreenedPoisson, Sigma, Temporal,
-};
+use photofit_optim::Optimizer;
 use photofit_pathtrace::{Adjoint, GradientSamples, Parameter, RenderOptions, Renderer, View, World};
 use photofit_sampling::hash;
 use std::borrow::Cow;
@@ -27,11 +28,6 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// Tell the random numbers of pictures and gradients from one another.
 const PICTURE: u64 = 0x7069_6374;
 const GRADIENT: u64 = 0x6772_6164;
-/// Most levels of the bilateral filter: those that average in the code of Belhe et al. (2025), of five; its taps are wider.
-const LEVELS: u32 = 4;
-/// Smoothness of the Laplacian filter: as wide as three levels of the bilateral one.
-const LAPLACIAN: f64 = 10.5;
-
 /// A parameter that is fitted.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TracedParameter {
@@ -55,33 +51,6 @@ impl TracedParameter {
     /// Channels of a value.
     pub fn channels(&self) -> usize {
         self.shape[3]
-    }
-}
-
-/// What steps of textures and grids are smoothed by.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Smoothing {
-    /// Nothing: Adam.
-    None,
-    /// Gradients by a low-pass filter.
-    Laplacian,
-    /// Both moments, of grids in space gradients, too, by a filter that keeps the edges of the values as they are so far.
-    Bilateral,
-    /// The same, but of textures the filter loses a level after equal parts of a phase and is gone in the last: finds patterns narrower
-    /// than the filter, which would stay even, and leaves more noise of others.
-    #[default]
-    Narrowing,
-}
-
-impl Smoothing {
-    /// Its name in checkpoints: with other decays or levels a fit is another one.
-    pub(crate) fn told(self) -> &'static str {
-        match self {
-            Self::None => "none",
-            Self::Laplacian => "laplacian, by size",
-            Self::Bilateral => "bilateral of moments, by size",
-            Self::Narrowing => "narrowing, of moments, by size",
-        }
     }
 }
 
@@ -318,14 +287,19 @@ impl Traced {
         levels(&self.parameters[parameter].parameter, self.moving_shape(parameter).0)
     }
 
-    /// Levels of the bilateral filter of a parameter after a share of a phase.
-    fn levels_after(&self, parameter: usize, share: f64) -> u32 {
-        let all = self.levels(parameter);
+    /// Whether the filter of a parameter loses its levels over the steps: of textures, where that is asked for.
+    pub fn narrows(&self, parameter: usize) -> bool {
         let is_texture = matches!(
             self.parameters[parameter].parameter,
             Parameter::Texels { .. } | Parameter::Graph { .. }
         );
-        if is_texture && self.smoothing == Smoothing::Narrowing { narrowed(all, share) } else { all }
+        is_texture && self.smoothing == Smoothing::Narrowing && self.is_smoothed(parameter)
+    }
+
+    /// Levels of the bilateral filter of a parameter after a share of a phase.
+    fn levels_after(&self, parameter: usize, share: f64) -> u32 {
+        let all = self.levels(parameter);
+        if self.narrows(parameter) { narrowed(all, share) } else { all }
     }
 
     fn update(&mut self, parameter: usize) -> Result<(), photofit_pathtrace::PathtraceError> {
@@ -430,21 +404,6 @@ impl Traced {
     }
 }
 
-/// Levels of the filter of these slices, rows and columns of what moves, by the longest side, of an environment by its rows: one for
-/// 16, one more for each doubling, at most four of textures and environments and three of grids in space. Wider ones would
-/// smooth over what they hold.
-fn levels(parameter: &Parameter, [depth, height, width]: [usize; 3]) -> u32 {
-    let side =
-        if matches!(parameter, Parameter::Environment) { height } else { depth.max(height).max(width) };
-    let most = if depth > 1 { LEVELS - 1 } else { LEVELS };
-    side.max(1).ilog2().saturating_sub(3).min(most)
-}
-
-/// The levels that are left of so many after a share of a phase: each, and none at last, has an equal part of it.
-fn narrowed(all: u32, share: f64) -> u32 {
-    all - (share.clamp(0.0, 1.0) * f64::from(all + 1)).min(f64::from(all)) as u32
-}
-
 impl Chain for Traced {
     type Gradients = Vec<Vec<f32>>;
 
@@ -464,35 +423,14 @@ impl Chain for Traced {
     }
 
     fn optimizer(&self, group: &Group) -> Result<Optimizer<f32>, FitError> {
-        // A short memory of the first moment: rates stay large while gradients of few samples are averaged over space.
-        let adam = Temporal::adam().betas(0.2, 0.999);
-        let start = |temporal| Optimizer::new(&group.name, group.len(), temporal);
         let index = self.parameters.iter().position(|p| p.name == group.name);
         let smoothed = index.filter(|k| self.is_smoothed(*k));
-        let Some(k) = smoothed else { return start(adam).map_err(FitError::Preconditioner) };
-        let [depth, height, width] = self.moving_shape(k).0;
-        let grid = Grid::volume(width, height, depth);
-        // Grids in space are found better where gradients and moments are averaged, with a long memory of squares; others where
-        // both moments are, with the decay of squares that belongs to it (Belhe et al. 2025). It stays so when the last level is
-        // gone: a sum of squares of one decay has no meaning for another.
-        let (temporal, placement) = match depth {
-            1 => (adam.paired(adam.beta1), Placement::POST),
-            _ => (adam, Placement::BOTH),
-        };
-        let made = match (self.smoothing, self.levels_after(k, self.share)) {
-            (Smoothing::None, _) => start(adam),
-            (Smoothing::Bilateral | Smoothing::Narrowing, 0) => start(temporal),
-            (Smoothing::Laplacian, _) => ScreenedPoisson::new(&group.name, grid, LAPLACIAN)
-                .and_then(|f| start(adam)?.with_filter(Placement::PRE, f)),
-            (Smoothing::Bilateral | Smoothing::Narrowing, levels) => {
-                let is_value = matches!(self.motions[k], Motion::Values);
-                let map = if is_value { GuideMap::Log } else { GuideMap::Linear };
-                let settings = Bilateral { levels, map, sigma: Sigma::Auto(2.0), ..Bilateral::default() };
-                GridBilateral::new(&group.name, grid, group.columns, settings)
-                    .and_then(|f| start(temporal)?.with_filter(placement, f))
-            }
-        };
-        made.map_err(FitError::Preconditioner)
+        let filter = smoothed.map(|k| filters::Filter {
+            cells: self.moving_shape(k).0,
+            levels: self.levels_after(k, self.share),
+            is_value: matches!(self.motions[k], Motion::Values),
+        });
+        optimizer(group, self.smoothing, filter).map_err(FitError::Preconditioner)
     }
 
     fn phase_share(&mut self, share: f64) -> bool {
@@ -555,38 +493,5 @@ impl Chain for Traced {
                 .map_err(|e| ModelError::Picture(Box::new(e)))
         };
         shots.iter().map(one).collect()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn levels_of_filters_follow_from_the_size() {
-        let texture = Parameter::Graph { places: vec![[0, 0]] };
-        let of = |shape| levels(&texture, shape);
-        let of_textures = [[1, 15, 15], [1, 16, 16], [1, 1, 64], [1, 128, 40], [1, 4096, 4096]].map(of);
-        assert_eq!(of_textures, [0, 1, 3, 4, 4]);
-        assert_eq!([[8, 8, 8], [16, 16, 16], [9, 40, 9], [256, 256, 256]].map(of), [0, 1, 2, 3]);
-        let of_skies =
-            [[1, 8, 16], [1, 16, 4096], [1, 256, 512]].map(|shape| levels(&Parameter::Environment, shape));
-        assert_eq!(of_skies, [0, 1, 4]);
-    }
-
-    #[test]
-    fn levels_are_lost_one_by_one() {
-        let left: Vec<u32> = (0..10).map(|k| narrowed(4, (f64::from(k) + 0.5) / 10.0)).collect();
-        assert_eq!(left, [4, 4, 3, 3, 2, 2, 1, 1, 0, 0]);
-        assert_eq!([0.0, 0.49, 0.5, 1.0].map(|share| narrowed(1, share)), [1, 1, 0, 0]);
-        assert_eq!(narrowed(0, 0.3), 0);
-    }
-
-    #[test]
-    fn textures_of_scenes_narrow_and_other_fits_stay() {
-        use crate::{recover_material::RecoverMaterialOptions, recover_volume::RecoverVolumeOptions};
-        assert_eq!(Smoothing::default(), Smoothing::Narrowing);
-        assert_eq!(RecoverVolumeOptions::default().smoothing, Smoothing::Bilateral);
-        assert_eq!(RecoverMaterialOptions::default().smoothing, Smoothing::Laplacian);
     }
 }

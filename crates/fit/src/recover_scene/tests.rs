@@ -139,6 +139,38 @@ fn the_plan_tells_the_steps_that_were_made() {
 }
 
 #[test]
+fn the_plan_names_what_narrows_what_stays_and_what_is_too_small() {
+    let model_of = |smoothing, rows: usize| {
+        let mut world = room();
+        let sky = Image::from_fn(2 * rows, rows, 3, |x, _, _| 0.2 + 0.01 * x as f32);
+        world.relight(&[], Some(EnvironmentMap::new(sky))).expect("valid");
+        let mut parameters = model(smoothing).parameters;
+        parameters.pop();
+        let (name, shape) = ("sky".into(), [1, rows, 2 * rows, 3]);
+        parameters.push(TracedParameter {
+            name,
+            parameter: Parameter::Environment,
+            shape,
+            range: [1e-4, 1e6],
+        });
+        let mut model = Traced::new(world, RenderOptions::default(), parameters).expect("valid");
+        model.smoothing = smoothing;
+        model
+    };
+    let cases = [
+        (Smoothing::Narrowing, 16, "narrowing: wall; bilateral: sky"),
+        (Smoothing::Narrowing, 8, "narrowing: wall; too small for a filter: sky"),
+        (Smoothing::Bilateral, 16, "bilateral: wall, sky"),
+        (Smoothing::Laplacian, 8, "laplacian: wall; too small for a filter: sky"),
+        (Smoothing::None, 16, "not asked for"),
+    ];
+    for (smoothing, rows, why) in cases {
+        let item = smoothed(&model_of(smoothing, rows), true);
+        assert_eq!((item.runs, &item.why[..]), ((smoothing != Smoothing::None).into(), why));
+    }
+}
+
+#[test]
 fn the_same_bits_on_one_thread_and_two() {
     let values = |threads| {
         let (r, _) = run(Smoothing::None, threads);

@@ -22,12 +22,8 @@ const PIXELS: usize = 128;
 const STEPS: u64 = 100;
 /// Samples of the picture of a step and of its gradient: those of `recover scene`.
 const SAMPLES: [u32; 2] = [8, 4];
-const WAYS: [(&str, Smoothing); 4] = [
-    ("adam", Smoothing::None),
-    ("laplacian", Smoothing::Laplacian),
-    ("bilateral", Smoothing::Bilateral),
-    ("narrowing", Smoothing::Narrowing),
-];
+const WAYS: [Smoothing; 4] =
+    [Smoothing::None, Smoothing::Laplacian, Smoothing::Bilateral, Smoothing::Narrowing];
 
 /// A texture of a floor: a colour that scatters evenly, or the alpha of a metal.
 struct Floor {
@@ -68,8 +64,8 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
             })
             .collect();
         let mut shown = vec![truth.clone()];
-        for (name, smoothing) in WAYS {
-            shown.push(found(ctx, floor, name, smoothing, &truth)?);
+        for smoothing in WAYS {
+            shown.push(found(ctx, floor, smoothing, &truth)?);
         }
         let picture = |v: &Vec<f32>| {
             Image::from_fn(TEXELS, TEXELS, 3, |x, y, c| {
@@ -91,13 +87,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
 }
 
 /// What one way finds of a floor.
-fn found(
-    ctx: &mut Context,
-    floor: &Floor,
-    way: &str,
-    smoothing: Smoothing,
-    truth: &[f32],
-) -> Result<Vec<f32>> {
+fn found(ctx: &mut Context, floor: &Floor, smoothing: Smoothing, truth: &[f32]) -> Result<Vec<f32>> {
     let (mut model, view) = model(floor, truth)?;
     model.smoothing = smoothing;
     let target = model.picture(&view, TARGET_SPP, 99)?;
@@ -112,7 +102,7 @@ fn found(
     let error = (squares / truth.len() as f64).sqrt();
     let timing = Timing { median: each, spread: 0.0, runs: r.steps as usize };
     let figures = vec![("picture", relative_error(best)), ("texture", error)];
-    ctx.record(way, floor.name, r.steps as usize, timing, figures);
+    ctx.record(smoothing.name(), floor.name, r.steps as usize, timing, figures);
     Ok(values)
 }
 
