@@ -13,7 +13,7 @@ mod values;
 pub(crate) use denoise::Denoise;
 pub(crate) use gradient::{Gradient, ParameterScene};
 pub(crate) use recover::{
-    Recover, RecoverMaterial, RecoverMesh, RecoverScene, RecoverTexture, RecoverVolume, TextureSmoothing,
+    Recover, RecoverMaterial, RecoverMesh, RecoverScene, RecoverTexture, RecoverVolume,
 };
 pub(crate) use render::{Render, RenderGuiding, RenderIntegrator, RenderLight};
 pub(crate) use retexture::Retexture;

@@ -145,7 +145,7 @@ fn options(a: &RecoverMaterial, environment: Option<Image>) -> RecoverMaterialOp
         spp: a.traced.spp,
         gradient_spp: a.traced.gradient_spp,
         max_depth: a.max_depth,
-        smoothing: a.traced.smoothing.map_or(RecoverMaterialOptions::default().smoothing, Into::into),
+        smoothing: a.traced.smoothing.unwrap_or(RecoverMaterialOptions::default().smoothing),
         seed: a.course.running.seed,
         checkpointing: a.course.checkpointing(),
     }

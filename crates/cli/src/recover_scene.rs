@@ -4,7 +4,7 @@ mod around;
 mod found;
 mod target;
 
-use crate::args::{RecoverScene, TextureSmoothing};
+use crate::args::RecoverScene;
 use crate::fields::{RECOVER_SCENE, name_options};
 use crate::parameter_scene::{Cameras, Key, Quantity, Subject, explained};
 use crate::preflight::Places;
@@ -16,7 +16,7 @@ use crate::{interrupt, threads};
 use anyhow::{Context, Result, anyhow, bail};
 use glam::DVec3;
 use photofit_fit::FitError;
-use photofit_fit::engine::traced::{Smoothing, Traced, TracedParameter};
+use photofit_fit::engine::traced::{Traced, TracedParameter};
 use photofit_fit::engine::trainer::Checkpointing;
 use photofit_fit::recover_scene::{RecoverSceneOptions, check_resume, recover_scene};
 use photofit_image::Image;
@@ -65,24 +65,13 @@ pub(crate) fn run(a: &RecoverScene) -> Result<Ending> {
     begin(a, &mut task)?;
     let Task { model, views, quantities, boxes, targets, truth } = task;
     let first = truth.as_ref().map(|t| errors(&model, &quantities, t));
-    let options = RecoverSceneOptions {
-        steps: a.traced.steps,
-        rate: a.traced.rate,
-        seed: a.scene.seed,
-        checkpointing: Checkpointing {
-            checkpoint: a.checkpoint.clone(),
-            resume: a.resume,
-            time_limit: a.time_limit,
-        },
-    };
     let named = |e| anyhow!("{}: {}", a.scene.input.display(), name_options(RECOVER_SCENE, e));
-    check_resume(&model, &options).map_err(named)?;
     std::fs::create_dir_all(&a.output).with_context(|| a.output.display().to_string())?;
     found::write_start(&a.output, &model, &views, &targets)?;
     interrupt::handle();
     let progress = Terminal::new();
     let began = Instant::now();
-    let r = recover_scene(model, &views, &targets, &options, &progress).map_err(named)?;
+    let r = recover_scene(model, &views, &targets, &fit_options(a), &progress).map_err(named)?;
     let seconds = began.elapsed().as_secs_f64();
     progress.finish();
     tell_course(r.stopped, a.explain.then_some(&r.plan))?;
@@ -131,22 +120,18 @@ fn task(a: &RecoverScene, mut subject: Subject, source: &Source<'_>) -> Result<T
     let mut model = Traced::new(world, options, parameters).map_err(lit)?;
     views.iter().try_for_each(|v| model.check(v)).map_err(lit)?;
     model.gradient_spp = a.traced.gradient_spp;
-    model.smoothing = a.traced.smoothing.map(Into::into).unwrap_or_default();
+    model.smoothing = a.traced.smoothing.unwrap_or_default();
+    check_resume(&model, &fit_options(a)).map_err(|e| named(&name_options(RECOVER_SCENE, e)))?;
     let own = || self_test_pictures(&views, |v| model.picture(v, TARGET_SPP, TARGET_SEED));
     let truth = given.is_none().then(|| (0..quantities.len()).map(|k| model.of(k).to_vec()).collect());
     let targets = given.map_or_else(own, Ok).map_err(|e| named(&e))?;
     Ok(Task { model, views, quantities, boxes, targets, truth })
 }
 
-impl From<TextureSmoothing> for Smoothing {
-    fn from(given: TextureSmoothing) -> Self {
-        match given {
-            TextureSmoothing::Adam => Self::None,
-            TextureSmoothing::Laplacian => Self::Laplacian,
-            TextureSmoothing::Bilateral => Self::Bilateral,
-            TextureSmoothing::Narrowing => Self::Narrowing,
-        }
-    }
+fn fit_options(a: &RecoverScene) -> RecoverSceneOptions {
+    let checkpointing =
+        Checkpointing { checkpoint: a.checkpoint.clone(), resume: a.resume, time_limit: a.time_limit };
+    RecoverSceneOptions { steps: a.traced.steps, rate: a.traced.rate, seed: a.scene.seed, checkpointing }
 }
 
 /// Sets the values that the fit starts from, and moves those of the scene into their ranges.

@@ -123,7 +123,7 @@ fn options(a: &RecoverVolume) -> RecoverVolumeOptions {
         spp: a.traced.spp,
         gradient_spp: a.traced.gradient_spp,
         max_depth: a.max_depth,
-        smoothing: a.traced.smoothing.map_or(RecoverVolumeOptions::default().smoothing, Into::into),
+        smoothing: a.traced.smoothing.unwrap_or(RecoverVolumeOptions::default().smoothing),
         seed: a.course.running.seed,
         checkpointing: a.course.checkpointing(),
     }

@@ -156,7 +156,7 @@ pub(crate) fn fit(
     seen.add(&model.picture(&views[0], 1, options.seed)?.data);
     let fingerprint = of_options(&model, options)
         .digest("scene, pictures, cameras or starting values", seen)
-        .digest(filters::RULED, filters::RULE);
+        .digest(filters::RULED, filters::rule());
     let job = Job {
         reference: &source,
         views: &source,
@@ -192,8 +192,8 @@ pub(crate) fn fit(
     })
 }
 
-/// Refuses a checkpoint that the fit could not go on from since it was made with other options, before there are pictures to
-/// compare. What else is another one is told by [`recover_scene`].
+/// Refuses a checkpoint that was made with other options, before there are pictures to compare. What else is another one is told
+/// by [`recover_scene`].
 ///
 /// # Errors
 /// [`FitError::OtherFit`].
@@ -271,7 +271,8 @@ fn smoothed(model: &Traced, steps: bool) -> Item {
         Smoothing::Narrowing => Smoothing::Bilateral,
         other => other,
     };
-    let rows = [(Smoothing::Narrowing.name(), narrow), (how.name(), wide), ("too small for a filter", small)];
+    let rows =
+        [(Smoothing::Narrowing.name(), narrow), (how.name(), wide), ("too few cells for a filter", small)];
     let told = rows.iter().filter(|(_, names)| !names.is_empty());
     let told: Vec<String> = told.map(|(how, names)| format!("{how}: {names}")).collect();
     let why_not = match model.smoothing {

@@ -257,7 +257,7 @@ fn fingerprint(o: &TracedMapsOptions, light: &Scene) -> Fingerprint {
         .option("seed", o.seed)
         .digest("shape of the light asset", shape)
         .digest("maps of the light asset", maps)
-        .digest(filters::RULED, format!("{}, {}", SMOOTHING.name(), filters::RULE))
+        .digest(filters::RULED, format!("{}, {}", SMOOTHING.name(), filters::rule()))
 }
 
 /// The rows of the plan.

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 /// The gradient is that of `sum(W I)`: the pixels of the path-traced picture I, weighted by W.
 #[derive(Args, Debug)]
 #[command(
-    override_usage = "photofit gradient <SCENE> --parameter <KEY> [OPTIONS]\n       photofit gradient <SCENE> --list"
+    override_usage = "photofit gradient [OPTIONS] --parameter <KEY> <SCENE>\n       photofit gradient --list <SCENE>"
 )]
 pub(crate) struct Gradient {
     #[command(flatten)]

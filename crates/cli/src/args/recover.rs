@@ -3,9 +3,10 @@
 use super::values::{Numbers, above_to, between, ending, number, numbers, of_key, seconds, whole};
 use super::{Course, ParameterScene, RenderGuiding, Running, STATUSES};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use clap::{Args, Subcommand, ValueEnum};
+use clap::{Args, Subcommand};
 use photofit_fit::engine::loss::PictureLoss;
 use photofit_fit::engine::surface::PositionOptimizer;
+use photofit_fit::engine::traced::Smoothing;
 use photofit_fit::engine::trainer::Checkpointing;
 use photofit_fit::recover_mesh::MOST_TRIANGLES;
 use std::path::PathBuf;
@@ -71,6 +72,14 @@ fn optimizers() -> impl TypedValueParser<Value = PositionOptimizer> {
     })
 }
 
+/// The filters of steps by their names.
+fn smoothings() -> impl TypedValueParser<Value = Smoothing> {
+    let value = |s: Smoothing| PossibleValue::new(s.name()).help(s.about());
+    PossibleValuesParser::new(Smoothing::ALL.map(value)).map(|name| {
+        Smoothing::ALL.into_iter().find(|s| s.name() == name).expect("one of the possible values")
+    })
+}
+
 #[derive(Args, Debug)]
 pub(crate) struct RecoverMesh {
     /// The pictures: a folder with transforms.json, or such a file. All must have alpha, which is the outline.
@@ -107,26 +116,12 @@ pub(crate) struct RecoverMesh {
     pub(crate) course: Course,
 }
 
-/// What steps of textures are smoothed by.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum TextureSmoothing {
-    /// Nothing: Adam alone.
-    Adam,
-    /// A low-pass filter of gradients.
-    Laplacian,
-    /// A filter of both moments that keeps the edges of the texture as it is so far.
-    Bilateral,
-    /// The same, which of textures narrows over the steps until it is gone: finds patterns narrower than the filter, leaves more
-    /// noise of others.
-    Narrowing,
-}
-
 // How a fit through the path tracer goes; a doc comment would become that of the command.
 #[derive(Args, Debug)]
 pub(crate) struct TracedFit {
     /// How steps of textures and grids are smoothed [default: narrowing for scenes, laplacian for materials of a mesh, bilateral for volumes].
-    #[arg(long, value_name = "HOW", value_enum)]
-    pub(crate) smoothing: Option<TextureSmoothing>,
+    #[arg(long, value_name = "HOW", value_parser = smoothings())]
+    pub(crate) smoothing: Option<Smoothing>,
     /// Steps of the fit, all its parts together; fewer are made when the picture stops improving [range: at least 0].
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = whole::<u64>(0..))]
     pub(crate) steps: u64,

@@ -159,9 +159,9 @@ fn the_plan_names_what_narrows_what_stays_and_what_is_too_small() {
     };
     let cases = [
         (Smoothing::Narrowing, 16, "narrowing: wall; bilateral: sky"),
-        (Smoothing::Narrowing, 8, "narrowing: wall; too small for a filter: sky"),
+        (Smoothing::Narrowing, 8, "narrowing: wall; too few cells for a filter: sky"),
         (Smoothing::Bilateral, 16, "bilateral: wall, sky"),
-        (Smoothing::Laplacian, 8, "laplacian: wall; too small for a filter: sky"),
+        (Smoothing::Laplacian, 8, "laplacian: wall; too few cells for a filter: sky"),
         (Smoothing::None, 16, "not asked for"),
     ];
     for (smoothing, rows, why) in cases {

@@ -7,8 +7,7 @@
 //!
 //! - Picture and gradient take different random numbers. With the same ones, the gradient of a loss that is not linear in
 //!   the picture would be biased by the covariance of the two.
-//! - Where pixel filters overlap, a sample counts for every pixel that its place is in the reach of; for its own alone where the
-//!   camera sees light of one value, which has no noise then.
+//! - Where pixel filters overlap, a sample counts for every pixel that its place is in the reach of.
 //! - Derivatives are those of the radiance that surfaces send out: what moves edges (positions, coverage) has none.
 //! - Media are differentiated by what they let through and by what they scatter, each where its density is small as well
 //!   as where it is large (`volume`).
@@ -302,9 +301,9 @@ impl<'a> Adjoint<'a> {
         let trace = |replay: &mut Replay<'_>, place: [usize; 2], own: Vec3f, random: &PathRandom| {
             let numbers = random.camera();
             let at = film_point(&self.options, place, &numbers);
-            let shared = if alone { own } else { self.options.filter.shared(loss, at) };
-            (replay.loss, replay.own) = (shared * (1.0 / spp as f32), own * (1.0 / spp as f32));
-            if replay.loss != Vec3f::zero() || replay.own != Vec3f::zero() {
+            let weight = if alone { own } else { self.options.filter.shared(loss, at) };
+            replay.loss = weight * (1.0 / spp as f32);
+            if replay.loss != Vec3f::zero() {
                 let ray = ray_through(&self.options, &camera, at, &numbers);
                 kernel(self.world, &ray, random, &self.options.path, replay);
             }

@@ -66,10 +66,8 @@ pub(super) struct Replay<'a> {
     pub(super) world: &'a World,
     pub(super) layout: &'a Layout,
     pub(super) out: &'a mut Accumulator,
-    /// Derivative of the loss with respect to the radiance of the path, where filters overlap from all pixels that its place is in
-    /// the reach of; and from its own pixel alone.
+    /// Derivative of the loss with respect to the radiance of the path.
     pub(super) loss: Vec3f,
-    pub(super) own: Vec3f,
     /// The light of the path, and of its part before each of its splits.
     pub(super) total: [f64; 3],
     pub(super) before: Vec<[f64; 3]>,
@@ -151,8 +149,7 @@ impl Sink for Replay<'_> {
         add(&mut self.rest, light.value, -1.0);
         let before = self.loss.mul(light.throughput) * light.weight;
         if !matches!(light.found, Found::NextEvent | Found::Medium) {
-            let seen = if light.depth == 0 { self.own.mul(light.throughput) * light.weight } else { before };
-            return self.emitted(light, before, seen);
+            return self.emitted(light, before);
         }
         for (material, length) in self.shadow.drain(..) {
             let cell = self.layout.materials[material as usize].of(MaterialValue::Absorption);
@@ -160,8 +157,7 @@ impl Sink for Replay<'_> {
         }
         self.shadowed(self.loss.mul(light.value));
         if light.found == Found::Medium {
-            let g = before.mul(light.transmittance);
-            return self.emitted(light, g, g);
+            return self.emitted(light, before.mul(light.transmittance));
         }
         let through = before.mul(light.transmittance) * (1.0 / light.pdf);
         if through == Vec3f::zero() {
@@ -170,8 +166,7 @@ impl Sink for Replay<'_> {
         if light.instance != u32::MAX {
             self.scattered(light.wi, through.mul(light.radiance), light.scattering);
         }
-        let g = through.mul(light.scattering);
-        self.emitted(light, g, g);
+        self.emitted(light, through.mul(light.scattering));
     }
 
     fn vertex(&mut self, v: &PathVertex) {
@@ -202,7 +197,6 @@ impl<'a> Replay<'a> {
             layout,
             out,
             loss: Vec3f::zero(),
-            own: Vec3f::zero(),
             total: [0.0; 3],
             before: Vec::new(),
             rest: [0.0; 3],
@@ -233,10 +227,9 @@ impl<'a> Replay<'a> {
 }
 
 impl Replay<'_> {
-    /// Adjoint of the radiance of a light for its gradient `g`, or `even` for what is one value of all its directions and places:
-    /// where the camera sees it, samples that count for their own pixel alone have no noise then.
-    fn emitted(&mut self, light: &Contribution, g: Vec3f, even: Vec3f) {
-        if g == Vec3f::zero() && even == Vec3f::zero() {
+    /// Adjoint of the radiance of a light for its gradient `g`.
+    fn emitted(&mut self, light: &Contribution, g: Vec3f) {
+        if g == Vec3f::zero() {
             return;
         }
         match light.light {
@@ -258,7 +251,6 @@ impl Replay<'_> {
             LightOrigin::Environment => {
                 let (cell, environment) = (self.layout.environment, &self.world.lights.environment);
                 if let Some(e) = environment.as_ref().filter(|_| cell != NONE) {
-                    let g = if e.is_constant() { even } else { g };
                     for (texel, weight) in e.taps(light.wi).pairs() {
                         if weight != 0.0 {
                             self.out.add(offset(cell, texel), g * (weight * e.scale()));
@@ -278,7 +270,7 @@ impl Replay<'_> {
             LightOrigin::Surface { instance, piece, uv } => {
                 let material = self.world.placed[instance as usize].material;
                 let cells = &self.layout.materials[material as usize];
-                self.out.add(cells.of(MaterialValue::Emission), even);
+                self.out.add(cells.of(MaterialValue::Emission), g);
                 let compiled = &self.world.materials[material as usize];
                 if let Some(graph) = &compiled.graph {
                     let point = SurfacePoint { uv: uv[0], color: Vec4f::splat(1.0), piece };

@@ -97,11 +97,6 @@ impl EnvironmentLight {
         }
     }
 
-    /// Whether it is the same in all directions, whatever its values.
-    pub(crate) fn is_constant(&self) -> bool {
-        self.texels.len() == 1
-    }
-
     pub(super) fn new(map: EnvironmentMap) -> Result<Self, PathtraceError> {
         let fail = |rule: String| Err(invalid("environment", rule));
         let (width, height) = (map.image.width, map.image.height);

@@ -22,9 +22,6 @@ const PIXELS: usize = 128;
 const STEPS: u64 = 100;
 /// Samples of the picture of a step and of its gradient: those of `recover scene`.
 const SAMPLES: [u32; 2] = [8, 4];
-const WAYS: [Smoothing; 4] =
-    [Smoothing::None, Smoothing::Laplacian, Smoothing::Bilateral, Smoothing::Narrowing];
-
 /// A texture of a floor: a colour that scatters evenly, or the alpha of a metal.
 struct Floor {
     name: &'static str,
@@ -64,7 +61,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
             })
             .collect();
         let mut shown = vec![truth.clone()];
-        for smoothing in WAYS {
+        for smoothing in Smoothing::ALL {
             shown.push(found(ctx, floor, smoothing, &truth)?);
         }
         let picture = |v: &Vec<f32>| {

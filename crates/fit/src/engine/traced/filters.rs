@@ -11,10 +11,17 @@ use photofit_pathtrace::Parameter;
 const LEVELS: u32 = 4;
 /// Smoothness of the Laplacian filter: as wide as three levels of the bilateral one.
 const LAPLACIAN: f64 = 10.5;
-/// How messages call what [`RULE`] says.
+/// Decays of the moments: a short memory of the first keeps rates large while gradients of few samples are averaged over space.
+const BETAS: [f64; 2] = [0.2, 0.999];
+/// Width of the bilateral filter in values, in units of their spread.
+const WIDTH: f64 = 2.0;
+/// How messages call what [`rule`] says.
 pub(crate) const RULED: &str = "rule of the filters of steps";
-/// What checkpoints say of all filters: with other levels or decays a fit is another one.
-pub(crate) const RULE: &str = "levels by size, of moments";
+
+/// What checkpoints say of all filters: with other levels, widths or decays a fit is another one.
+pub(crate) fn rule() -> String {
+    format!("{LEVELS} levels by size, width {WIDTH}, of moments; {LAPLACIAN} of gradients; {BETAS:?}")
+}
 
 /// What steps of textures and grids are smoothed by.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -32,6 +39,22 @@ pub enum Smoothing {
 }
 
 impl Smoothing {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::None, Self::Laplacian, Self::Bilateral, Self::Narrowing];
+
+    /// What it does, in one sentence for people.
+    pub fn about(self) -> &'static str {
+        match self {
+            Self::None => "Nothing: Adam alone",
+            Self::Laplacian => "A low-pass filter of gradients",
+            Self::Bilateral => "A filter of both moments that keeps the edges of the texture as it is so far",
+            Self::Narrowing => {
+                "The same, which of textures narrows over the steps until it is gone: finds patterns narrower than the filter, leaves \
+                 more noise of others"
+            }
+        }
+    }
+
     /// Its name, as users ask for it.
     pub fn name(self) -> &'static str {
         match self {
@@ -74,8 +97,7 @@ pub(super) fn optimizer(
     smoothing: Smoothing,
     filter: Option<Filter>,
 ) -> Result<Optimizer<f32>, OptimError> {
-    // A short memory of the first moment: rates stay large while gradients of few samples are averaged over space.
-    let adam = Temporal::adam().betas(0.2, 0.999);
+    let adam = Temporal::adam().betas(BETAS[0], BETAS[1]);
     let start = |temporal| Optimizer::new(&group.name, group.len(), temporal);
     let Some(Filter { cells: [depth, height, width], levels, is_value }) = filter else {
         return start(adam);
@@ -97,7 +119,7 @@ pub(super) fn optimizer(
         }
         (Smoothing::Bilateral | Smoothing::Narrowing, levels) => {
             let map = if is_value { GuideMap::Log } else { GuideMap::Linear };
-            let settings = Bilateral { levels, map, sigma: Sigma::Auto(2.0), ..Bilateral::default() };
+            let settings = Bilateral { levels, map, sigma: Sigma::Auto(WIDTH), ..Bilateral::default() };
             let filter = GridBilateral::new(&group.name, grid, group.columns, settings)?;
             start(temporal)?.with_filter(placement, filter)
         }

@@ -1,7 +1,7 @@
 //! What is kept of a path tells its replay the same as a second walk.
 
 use super::*;
-use crate::Gradient;
+use crate::{Filter, Gradient};
 
 #[test]
 fn gradients_have_the_same_bits_whatever_is_kept_of_paths() {
@@ -34,9 +34,12 @@ fn gradients_have_the_same_bits_whatever_is_kept_of_paths() {
         ("metals", metals(Distribution::Ggx), looking([0.0, 0.6, 2.6], [-0.3, 0.0, 0.0], 0.6), of_metal),
         ("body", clear_body(), near, of_body),
     ] {
-        let mut adjoint = Adjoint::new(&world, &view, square(SIDE, 1), &parameters).unwrap();
-        let found = same_whatever_is_kept(name, &mut adjoint, &weights(), &[0, 1, 7]);
-        assert!(found.residual < 1e-6, "{name}: {}", found.residual);
+        for filter in [Filter::Box, Filter::Gaussian { sigma: 0.5 }] {
+            let options = RenderOptions { filter, ..square(SIDE, 1) };
+            let mut adjoint = Adjoint::new(&world, &view, options, &parameters).unwrap();
+            let found = same_whatever_is_kept(name, &mut adjoint, &weights(), &[0, 1, 7]);
+            assert!(found.residual < 1e-6, "{name}, {filter:?}: {}", found.residual);
+        }
     }
 }
 
