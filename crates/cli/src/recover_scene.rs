@@ -67,13 +67,21 @@ pub(crate) fn run(a: &RecoverScene) -> Result<Ending> {
     let first = truth.as_ref().map(|t| errors(&model, &quantities, t));
     let named = |e| anyhow!("{}: {}", a.scene.input.display(), name_options(RECOVER_SCENE, e));
     std::fs::create_dir_all(&a.output).with_context(|| a.output.display().to_string())?;
-    found::write_start(&a.output, &model, &views, &targets)?;
+    let starts = found::starts(&model, &views)?;
+    // A fit that goes on leaves the pictures of the one before until its checkpoint is taken.
+    let goes_on = a.resume && a.checkpoint.as_ref().is_some_and(|c| c.join(CHECKPOINT_FILE).exists());
+    if !goes_on {
+        found::write_start(&a.output, &starts, &targets)?;
+    }
     interrupt::handle();
     let progress = Terminal::new();
     let began = Instant::now();
     let r = recover_scene(model, &views, &targets, &fit_options(a), &progress).map_err(named)?;
     let seconds = began.elapsed().as_secs_f64();
     progress.finish();
+    if goes_on {
+        found::write_start(&a.output, &starts, &targets)?;
+    }
     tell_course(r.stopped, a.explain.then_some(&r.plan))?;
     let last = truth.as_ref().map(|t| errors(&r.model, &quantities, t));
     found::write(a, &r, (&views, &targets), (&quantities, &boxes), first.zip(last), seconds)?;

@@ -27,16 +27,18 @@ const KINDS: [&str; 3] = ["exr", "png", "vol"];
 /// The names of all files that are written for this number of views.
 ///
 /// # Errors
-/// If two parameters would be written to one file.
+/// If a parameter is given twice, or two would be written to one file.
 pub(super) fn files(a: &RecoverScene, views: usize) -> Result<Vec<String>> {
     let mut out: Vec<String> =
         a.parameter.iter().flat_map(|k| KINDS.map(|e| format!("{}.{e}", file_name(k)))).collect();
     for (i, name) in out.iter().enumerate() {
         if let Some(j) = out[..i].iter().position(|t| t == name) {
+            let [first, second] = [j, i].map(|k| &a.parameter[k / KINDS.len()]);
+            if first == second {
+                bail!(Misuse(format!("--parameter: {first} is given twice; once is enough")));
+            }
             bail!(Misuse(format!(
-                "--parameter: {} and {} would be written to one file, {name}; each must have its own",
-                a.parameter[j / KINDS.len()],
-                a.parameter[i / KINDS.len()]
+                "--parameter: {first} and {second} would be written to one file, {name}; each must have its own"
             )));
         }
     }
@@ -65,12 +67,16 @@ fn shown(picture: &Image) -> Image {
     Image::from_fn(picture.width, picture.height, 3, |x, y, c| picture.pixel(x, y)[c])
 }
 
+/// The pictures of the start, one for each view.
+pub(super) fn starts(model: &Traced, views: &[View]) -> Result<Vec<Image>> {
+    Ok(views.iter().map(|camera| model.picture(camera, SHOWN_SPP, SHOWN_SEED)).collect::<Result<_, _>>()?)
+}
+
 /// Writes the targets and the pictures of the start.
-pub(super) fn write_start(folder: &Path, model: &Traced, views: &[View], targets: &[Image]) -> Result<()> {
-    for (view, (camera, target)) in views.iter().zip(targets).enumerate() {
+pub(super) fn write_start(folder: &Path, starts: &[Image], targets: &[Image]) -> Result<()> {
+    for (view, (start, target)) in starts.iter().zip(targets).enumerate() {
         photofit_image::write_png(folder.join(of_view("reference", view, "png")), &shown(target))?;
-        let start = model.picture(camera, SHOWN_SPP, SHOWN_SEED)?;
-        photofit_image::write_png(folder.join(of_view("start", view, "png")), &shown(&start))?;
+        photofit_image::write_png(folder.join(of_view("start", view, "png")), &shown(start))?;
     }
     Ok(())
 }

@@ -94,6 +94,14 @@ fn a_stopped_run_goes_on_to_the_same_values() {
     assert!(told.contains("fit.ckpt: is the checkpoint of another fit"), "{told}");
     assert!(told.contains("--smoothing was narrowing and is bilateral"), "{told}");
     assert!(!d.join("other").exists());
+    // With another start, too, and the pictures of the fit before stay.
+    let start = || std::fs::read(d.join("again/start.png")).unwrap();
+    let before = start();
+    let other = ["-o", "again", "--checkpoint", "state", "--resume", "--start", "0.9"];
+    let o = photofit(d, &[&base[..], &WHITE, &lamp, &other].concat());
+    assert_eq!(o.status.code(), Some(1));
+    assert!(stderr(&o).contains("is the checkpoint of another fit"), "{}", stderr(&o));
+    assert_eq!(before, start());
 }
 
 #[test]
@@ -243,7 +251,7 @@ fn wrong_keys_and_pictures_are_refused_in_one_line() {
     let two = ["--picture", "ok.exr", "--picture", "ok.exr"];
     assert_misuse(&run(&two, &WHITE), "number", &["2 files", "1 of --camera", "one for each"]);
     let twice = run(&of("ok.exr"), &[WHITE, WHITE].concat());
-    assert_misuse(&twice, "twice", &["white.reflectance.value", "own"]);
+    assert_misuse(&twice, "twice", &["white.reflectance.value", "given twice"]);
     assert_eq!(run(&[], &WHITE).status.code(), Some(2), "a picture or --self-test");
     std::fs::create_dir(d.join("empty")).unwrap();
     assert_one_error(&run(&of("empty"), &WHITE), "no list", &["transforms.json"]);

@@ -90,6 +90,9 @@ struct Header<'a> {
 
 impl<'a> Header<'a> {
     fn read(bytes: &'a [u8], most: u64) -> Result<Self, String> {
+        if bytes.is_empty() {
+            return Err("is empty".into());
+        }
         if !bytes.starts_with(b"VOL\x03") {
             let n = bytes.len().min(4);
             let found = bytes[..n].escape_ascii();

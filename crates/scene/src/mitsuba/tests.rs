@@ -317,6 +317,7 @@ fn volumes_are_bounded() {
     let good = load(&grid([2, 1, 1], 1, &[0.5, 1.5])).unwrap();
     assert_eq!((good.media[0].extinction.values[1].x, good.instances[0].interior), (1.5, Some(0)));
     for (bytes, part) in [
+        (Vec::new(), "is empty"),
         (b"VOL\x02".to_vec(), "the first bytes are `VOL\\x02`; they must be VOL"),
         (b"VOL\x03".to_vec(), "has 4 bytes; the header alone must have 48"),
         (grid([1 << 20, 1 << 20, 1 << 20], 1, &[]), "1048576 x 1048576 x 1048576 voxels; there must be 1 to"),
