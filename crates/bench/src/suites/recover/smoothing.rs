@@ -22,6 +22,15 @@ const PIXELS: usize = 128;
 const STEPS: u64 = 100;
 /// Samples of the picture of a step and of its gradient: those of `recover scene`.
 const SAMPLES: [u32; 2] = [8, 4];
+/// The ways, the rate of `recover scene` for all, and another one that suits Adam alone better.
+const WAYS: [(Smoothing, Option<f64>); 5] = [
+    (Smoothing::None, None),
+    (Smoothing::None, Some(0.02)),
+    (Smoothing::Laplacian, None),
+    (Smoothing::Bilateral, None),
+    (Smoothing::Narrowing, None),
+];
+
 /// A texture of a floor: a colour that scatters evenly, or the alpha of a metal.
 struct Floor {
     name: &'static str,
@@ -61,8 +70,8 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
             })
             .collect();
         let mut shown = vec![truth.clone()];
-        for smoothing in Smoothing::ALL {
-            shown.push(found(ctx, floor, smoothing, &truth)?);
+        for way in WAYS {
+            shown.push(found(ctx, floor, way, &truth)?);
         }
         let picture = |v: &Vec<f32>| {
             Image::from_fn(TEXELS, TEXELS, 3, |x, y, c| {
@@ -72,7 +81,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
         let images: Vec<Image> = shown.iter().map(picture).collect();
         let refs: Vec<&Image> = images.iter().collect();
         let name = floor.name.replace(", ", "-");
-        write_png(format!("{FOLDER}/smoothing-{name}.png"), &contact_sheet(&refs, 5, 4))?;
+        write_png(format!("{FOLDER}/smoothing-{name}.png"), &contact_sheet(&refs, 1 + WAYS.len(), 4))?;
     }
     ctx.note(format!(
         "Textures of {TEXELS} x {TEXELS} texels from one picture of {PIXELS} x {PIXELS} pixels and a flat start of .5, at most {STEPS} steps (fewer where the picture stops improving) of {} and {} \
@@ -84,12 +93,18 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
 }
 
 /// What one way finds of a floor.
-fn found(ctx: &mut Context, floor: &Floor, smoothing: Smoothing, truth: &[f32]) -> Result<Vec<f32>> {
+fn found(
+    ctx: &mut Context,
+    floor: &Floor,
+    (smoothing, rate): (Smoothing, Option<f64>),
+    truth: &[f32],
+) -> Result<Vec<f32>> {
     let (mut model, view) = model(floor, truth)?;
     model.smoothing = smoothing;
     let target = model.picture(&view, TARGET_SPP, 99)?;
     model.replace(0, &vec![0.5; truth.len()])?;
-    let options = RecoverSceneOptions { steps: STEPS, ..RecoverSceneOptions::default() };
+    let default = RecoverSceneOptions::default();
+    let options = RecoverSceneOptions { steps: STEPS, rate: rate.unwrap_or(default.rate), ..default };
     let began = Instant::now();
     let r = recover_scene(model, &[view], &[target], &options, &Silent)?;
     let each = began.elapsed().as_secs_f64() / r.steps.max(1) as f64;
@@ -99,7 +114,8 @@ fn found(ctx: &mut Context, floor: &Floor, smoothing: Smoothing, truth: &[f32]) 
     let error = (squares / truth.len() as f64).sqrt();
     let timing = Timing { median: each, spread: 0.0, runs: r.steps as usize };
     let figures = vec![("picture", relative_error(best)), ("texture", error)];
-    ctx.record(smoothing.name(), floor.name, r.steps as usize, timing, figures);
+    let way = rate.map_or(smoothing.name().into(), |r| format!("{}, rate {r}", smoothing.name()));
+    ctx.record(&way, floor.name, r.steps as usize, timing, figures);
     Ok(values)
 }
 
