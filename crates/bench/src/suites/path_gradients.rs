@@ -32,7 +32,8 @@ const PARTS: u64 = 8;
 const ESTIMATES: u64 = 8;
 /// Texels along a side of a map.
 const TEXELS: usize = 32;
-const VOXELS: usize = 12;
+/// Voxels along a side of the two clouds.
+const VOXELS: [usize; 2] = [12, 64];
 
 /// Parameters whose gradients one pass makes, and which channels of them are meant.
 struct Kind {
@@ -56,7 +57,8 @@ struct Case {
 }
 
 pub(crate) fn run(ctx: &mut Context) -> Result<()> {
-    for case in [surfaces()?, body()?, cloud()?] {
+    let [small, large] = VOXELS;
+    for case in [surfaces()?, body()?, cloud("cloud", small)?, cloud("large cloud", large)?] {
         case.run(ctx)?;
     }
     ctx.note(format!(
@@ -251,10 +253,9 @@ fn body() -> Result<Case> {
     Ok(Case { name: "clear body", world: World::new(parts)?, view: looking([0.0, 0.5, 3.0]), kinds })
 }
 
-/// A cloud that scatters and glows.
-fn cloud() -> Result<Case> {
-    let count = VOXELS.pow(3);
-    let size = [VOXELS; 3];
+/// A cloud that scatters and glows, of so many voxels along a side.
+fn cloud(name: &'static str, side: usize) -> Result<Case> {
+    let (count, size) = (side.pow(3), [side; 3]);
     let color = |key: u64, i: usize, low: f32| {
         Vec3f::from_array([0, 1, 2].map(|c| low + (1.0 - low) * random(i as u64, key + c)))
     };
@@ -280,14 +281,14 @@ fn cloud() -> Result<Case> {
         lights: vec![LightSource::Directional { direction, irradiance: Vec3f::splat(4.0) }],
         ..Parts::default()
     })?;
-    let kind = |name, value, channels| {
-        let parameter = Parameter::Medium { medium: MediumRef::Volume(0), value };
-        Kind::new(name, parameter, channels)
-    };
+    let of = |value| Parameter::Medium { medium: MediumRef::Volume(0), value };
+    let kind = |name, value, channels| Kind::new(name, of(value), channels);
+    let both = vec![of(MediumValue::Extinction), of(MediumValue::Albedo)];
     let kinds = vec![
         kind("extinction of voxels", MediumValue::Extinction, 0..1),
         kind("albedo of voxels", MediumValue::Albedo, 0..3),
         kind("emission of voxels", MediumValue::Emission, 0..3),
+        Kind { name: "extinction and albedo in one pass", parameters: both, channels: 0..3 },
     ];
-    Ok(Case { name: "cloud", world, view: looking([0.8, 1.2, 3.4]), kinds })
+    Ok(Case { name, world, view: looking([0.8, 1.2, 3.4]), kinds })
 }

@@ -55,29 +55,32 @@ pub(crate) struct RecoverTexture {
     pub(crate) course: Course,
 }
 
-/// The losses by their names.
-fn losses() -> impl TypedValueParser<Value = PictureLoss> {
-    let value = |l: PictureLoss| PossibleValue::new(l.name()).help(l.about());
-    PossibleValuesParser::new(PictureLoss::ALL.map(value)).map(|name| {
-        PictureLoss::ALL.into_iter().find(|l| l.name() == name).expect("one of the possible values")
-    })
-}
-
-/// The optimizers of vertices by their names.
-fn optimizers() -> impl TypedValueParser<Value = PositionOptimizer> {
-    let value = |o: PositionOptimizer| PossibleValue::new(o.name()).help(o.about());
-    PossibleValuesParser::new(PositionOptimizer::ALL.map(value)).map(|name| {
-        let named = PositionOptimizer::ALL.into_iter().find(|o| o.name() == name);
+/// One of `all` by its name, with what is said about it.
+fn by_name<T: Copy + Send + Sync + 'static, const N: usize>(
+    all: [T; N],
+    name: fn(&T) -> &'static str,
+    about: fn(&T) -> &'static str,
+) -> impl TypedValueParser<Value = T> {
+    let value = |t: T| PossibleValue::new(name(&t)).help(about(&t));
+    PossibleValuesParser::new(all.map(value)).map(move |given| {
+        let named = all.into_iter().find(|t| name(t) == given);
         named.expect("one of the possible values")
     })
 }
 
-/// The filters of steps by their names.
+/// The losses.
+fn losses() -> impl TypedValueParser<Value = PictureLoss> {
+    by_name(PictureLoss::ALL, PictureLoss::name, PictureLoss::about)
+}
+
+/// The optimizers of vertices.
+fn optimizers() -> impl TypedValueParser<Value = PositionOptimizer> {
+    by_name(PositionOptimizer::ALL, |o| o.name(), |o| o.about())
+}
+
+/// The filters of steps.
 fn smoothings() -> impl TypedValueParser<Value = Smoothing> {
-    let value = |s: Smoothing| PossibleValue::new(s.name()).help(s.about());
-    PossibleValuesParser::new(Smoothing::ALL.map(value)).map(|name| {
-        Smoothing::ALL.into_iter().find(|s| s.name() == name).expect("one of the possible values")
-    })
+    by_name(Smoothing::ALL, |s| s.name(), |s| s.about())
 }
 
 #[derive(Args, Debug)]

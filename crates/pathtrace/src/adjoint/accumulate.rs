@@ -12,17 +12,81 @@ const BAND: usize = 4096;
 /// Cells of a page.
 const PAGE: usize = 8;
 
+/// Sums of neighbouring cells of `N` channels: those of one channel fill a line of the cache.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+struct Page<const N: usize>([[f64; N]; PAGE]);
+
+/// Sums of cells of `N` channels, most of which a task does not touch.
+#[derive(Debug, Default)]
+struct Pages<const N: usize> {
+    /// Number of the first cell.
+    first: usize,
+    /// The pages, and the number of each, in the order of their first touch.
+    pages: Vec<Page<N>>,
+    touched: Vec<u32>,
+    /// One more than the place of each page in `pages`; 0 where it was not touched.
+    places: Vec<u32>,
+    /// Where [`Self::take`] gathers what it returns.
+    gathered: Vec<(u32, [f64; N])>,
+}
+
+impl<const N: usize> Pages<N> {
+    fn of(cells: std::ops::Range<usize>) -> Self {
+        Self { first: cells.start, places: vec![0; cells.len().div_ceil(PAGE)], ..Self::default() }
+    }
+
+    /// The sum of a cell.
+    #[inline]
+    fn sum(&mut self, cell: usize) -> &mut [f64; N] {
+        let at = cell - self.first;
+        let place = &mut self.places[at / PAGE];
+        if *place == 0 {
+            self.pages.push(Page([[0.0; N]; PAGE]));
+            self.touched.push((at / PAGE) as u32);
+            *place = self.pages.len() as u32;
+        }
+        &mut self.pages[*place as usize - 1].0[at % PAGE]
+    }
+
+    /// The cells that are not 0, in order; all are afterwards.
+    fn take(&mut self) -> Box<[(u32, [f64; N])]> {
+        self.touched.sort_unstable();
+        for page in self.touched.drain(..) {
+            let place = std::mem::take(&mut self.places[page as usize]) as usize - 1;
+            let first = self.first + page as usize * PAGE;
+            let sums = self.pages[place].0.iter().enumerate().filter(|(_, g)| **g != [0.0; N]);
+            self.gathered.extend(sums.map(|(k, g)| ((first + k) as u32, *g)));
+        }
+        self.pages.clear();
+        let taken = self.gathered.as_slice().into();
+        self.gathered.clear();
+        taken
+    }
+}
+
+/// Where a task sums the cells that are not summed densely; used again by the next one.
+#[derive(Debug, Default)]
+pub(super) struct Sparse {
+    single: Pages<1>,
+    triple: Pages<3>,
+}
+
+impl Sparse {
+    /// Of cells of one channel from `start` to `single`, and of those of three from there to `end`.
+    pub(super) fn new([start, single, end]: [usize; 3]) -> Self {
+        Self { single: Pages::of(start..single), triple: Pages::of(single..end) }
+    }
+}
+
 /// The gradients of one task.
 #[derive(Debug)]
 pub(super) struct Accumulator {
     dense: Vec<[f64; 3]>,
-    /// The sums of pages of sparse cells, and the number of each page, in the order of their first touch.
-    pages: Vec<[[f64; 3]; PAGE]>,
-    touched: Vec<u32>,
-    /// One more than the place of each page in `pages`; 0 where it was not touched.
-    places: Vec<u32>,
-    /// The sparse cells that were touched, in order, when the task is finished.
-    sparse: Vec<(u32, [f64; 3])>,
+    sparse: Sparse,
+    /// The sparse cells that are not 0, of one channel and of three, in order, when the task is finished.
+    single: Box<[(u32, [f64; 1])]>,
+    triple: Box<[(u32, [f64; 3])]>,
     /// Largest remainder of light at the end of a path, relative to the light of the path.
     pub(super) residual: f64,
     /// Contributions that were left out because they were not finite.
@@ -30,25 +94,19 @@ pub(super) struct Accumulator {
 }
 
 impl Accumulator {
-    /// Places of the pages of so many cells, the first `dense` of which have none.
-    pub(super) fn places(dense: usize, cells: usize) -> Vec<u32> {
-        vec![0; cells.saturating_sub(dense).div_ceil(PAGE)]
-    }
-
-    /// Sums of so many dense cells and of those that have these places.
-    pub(super) fn new(dense: usize, places: Vec<u32>) -> Self {
+    /// Sums of so many dense cells and of sparse ones, all of which are 0.
+    pub(super) fn new(dense: usize, sparse: Sparse) -> Self {
         Self {
             dense: vec![[0.0; 3]; dense],
-            pages: Vec::new(),
-            touched: Vec::new(),
-            places,
-            sparse: Vec::new(),
+            sparse,
+            single: Box::default(),
+            triple: Box::default(),
             residual: 0.0,
             not_finite: 0,
         }
     }
 
-    /// Adds to a cell, if it is one.
+    /// Adds to a cell, if it is one; to those of one channel the first number.
     #[inline]
     pub(super) fn add(&mut self, cell: u32, g: Vec3f) {
         if cell == NONE {
@@ -58,25 +116,16 @@ impl Accumulator {
             self.not_finite += 1;
             return;
         }
-        let g = g.to_array().map(f64::from);
-        let dense = self.dense.len();
-        let sum = match self.dense.get_mut(cell as usize) {
-            Some(sum) => sum,
-            None => self.touch(cell as usize - dense),
+        let (g, cell) = (g.to_array().map(f64::from), cell as usize);
+        let sum = if let Some(sum) = self.dense.get_mut(cell) {
+            sum
+        } else if cell < self.sparse.triple.first {
+            self.sparse.single.sum(cell)[0] += g[0];
+            return;
+        } else {
+            self.sparse.triple.sum(cell)
         };
         (0..3).for_each(|c| sum[c] += g[c]);
-    }
-
-    /// The sum of a sparse cell, counted from the first of them.
-    #[inline]
-    fn touch(&mut self, at: usize) -> &mut [f64; 3] {
-        let place = &mut self.places[at / PAGE];
-        if *place == 0 {
-            self.pages.push([[0.0; 3]; PAGE]);
-            self.touched.push((at / PAGE) as u32);
-            *place = self.pages.len() as u32;
-        }
-        &mut self.pages[*place as usize - 1][at % PAGE]
     }
 
     /// Notes what is left of a path's light where nothing should be.
@@ -87,19 +136,11 @@ impl Accumulator {
         }
     }
 
-    /// Ends the task: keeps the cells that are not 0, in order, without the pages, and returns the places for the next one.
-    pub(super) fn finish(&mut self) -> Vec<u32> {
-        let (mut places, pages) = (std::mem::take(&mut self.places), std::mem::take(&mut self.pages));
-        let mut touched = std::mem::take(&mut self.touched);
-        touched.sort_unstable();
-        self.sparse.reserve_exact(pages.as_flattened().iter().filter(|g| **g != [0.0; 3]).count());
-        for page in touched {
-            let place = std::mem::take(&mut places[page as usize]) as usize - 1;
-            let first = self.dense.len() + page as usize * PAGE;
-            let sums = pages[place].iter().enumerate().filter(|(_, g)| **g != [0.0; 3]);
-            self.sparse.extend(sums.map(|(k, g)| ((first + k) as u32, *g)));
-        }
-        places
+    /// Ends the task: keeps the sparse cells that are not 0, and returns what they were summed in for the next one.
+    pub(super) fn finish(&mut self) -> Sparse {
+        let mut sparse = std::mem::take(&mut self.sparse);
+        (self.single, self.triple) = (sparse.single.take(), sparse.triple.take());
+        sparse
     }
 
     /// Adds finished tasks in order to the sums of each parameter, channel by channel of every cell.
@@ -113,17 +154,34 @@ impl Accumulator {
         }
     }
 
-    /// Adds to the sums of so many channels of the cells from `from` on; all dense or none of them is.
+    /// Adds to the sums of so many channels of the cells from `from` on; all of them are dense, of one channel, or neither.
     fn add_to(&self, from: usize, sums: &mut [f64], channels: usize) {
-        let add = |sum: &mut [f64], g: &[f64; 3]| sum.iter_mut().zip(g).for_each(|(s, g)| *s += g);
-        let cells = sums.len() / channels;
-        if let Some(dense) = self.dense.get(from..from + cells) {
-            return sums.chunks_exact_mut(channels).zip(dense).for_each(|(sum, g)| add(sum, g));
+        let cells = from..from + sums.len() / channels;
+        if let Some(dense) = self.dense.get(cells.clone()) {
+            sums.chunks_exact_mut(channels).zip(dense).for_each(|(sum, g)| add(sum, g));
+        } else if channels == 1 {
+            add_sparse(&self.single, cells, sums, channels);
+        } else {
+            add_sparse(&self.triple, cells, sums, channels);
         }
-        let begin = self.sparse.partition_point(|e| (e.0 as usize) < from);
-        for (cell, g) in self.sparse[begin..].iter().take_while(|e| (e.0 as usize) < from + cells) {
-            add(&mut sums[(*cell as usize - from) * channels..][..channels], g);
-        }
+    }
+}
+
+/// Adds each channel that there is.
+fn add(sum: &mut [f64], g: &[f64]) {
+    sum.iter_mut().zip(g).for_each(|(s, g)| *s += g);
+}
+
+/// Adds those of the sparse cells that lie among `cells` to the sums of these.
+fn add_sparse<const N: usize>(
+    sparse: &[(u32, [f64; N])],
+    cells: std::ops::Range<usize>,
+    sums: &mut [f64],
+    channels: usize,
+) {
+    let begin = sparse.partition_point(|e| (e.0 as usize) < cells.start);
+    for (cell, g) in sparse[begin..].iter().take_while(|e| cells.contains(&(e.0 as usize))) {
+        add(&mut sums[(*cell as usize - cells.start) * channels..][..channels], g);
     }
 }
 
@@ -157,10 +215,10 @@ mod tests {
                 [range(0, DENSE, 3), range(DENSE, whole - DENSE, 1), range(whole, (1 << 22) - whole, 3)];
             let mut totals = ranges.map(|r| vec![0.0; r.cells * r.channels]);
             let mut expected = vec![[0.0; 3]; 1 << 22];
-            let mut places = Accumulator::places(DENSE, 1 << 22);
+            let mut sparse = Sparse::new([DENSE, whole, 1 << 22]);
             let tasks: Vec<Accumulator> = (0..3)
                 .map(|task| {
-                    let mut out = Accumulator::new(DENSE, std::mem::take(&mut places));
+                    let mut out = Accumulator::new(DENSE, std::mem::take(&mut sparse));
                     let mut sums = BTreeMap::<u32, [f64; 3]>::new();
                     // The last one does not touch the first bands.
                     let first = if task == 2 { 50_000 } else { 0 };
@@ -173,7 +231,7 @@ mod tests {
                     for (cell, sum) in sums {
                         (0..3).for_each(|c| expected[cell as usize][c] += sum[c]);
                     }
-                    places = out.finish();
+                    sparse = out.finish();
                     out
                 })
                 .collect();

@@ -1,7 +1,7 @@
 //! Where the gradient of each parameter is accumulated.
 //!
 //! A cell holds up to three channels. Parameters of few cells come first: they are summed densely by every task; the
-//! cells of large images and grids are summed in pages, which are made where they are touched.
+//! cells of large images and grids are summed in pages, which are made where they are touched, those of one channel apart.
 
 use super::parameter::{
     MaterialValue, Parameter, VALUES, changes_directions, library_material, maps_of, not_differentiable,
@@ -60,6 +60,26 @@ pub(super) struct Range {
     pub(super) channels: usize,
 }
 
+/// How the cells of a parameter are summed by a task.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Storage {
+    Dense,
+    /// In pages of one channel, or of three.
+    Single,
+    Triple,
+}
+
+impl Storage {
+    fn of(parameter: &Parameter, cells: usize, channels: usize) -> Self {
+        let most = if matches!(parameter, Parameter::Medium { .. }) { DENSE_VOXELS } else { DENSE };
+        match channels {
+            _ if cells <= most => Self::Dense,
+            1 => Self::Single,
+            _ => Self::Triple,
+        }
+    }
+}
+
 /// Where everything is.
 #[derive(Clone, Debug)]
 pub(super) struct Layout {
@@ -75,9 +95,10 @@ pub(super) struct Layout {
     pub(super) bounded: Vec<MediumCells>,
     /// Values of media are asked for.
     pub(super) media: bool,
-    /// Cells, and those of them that are summed densely, which come first.
+    /// Cells; the end of those that are summed densely, which come first, and of those of one channel, which follow.
     pub(super) cells: usize,
     pub(super) dense: usize,
+    pub(super) single: usize,
     /// Absorption is asked for.
     pub(super) absorption: bool,
 }
@@ -89,17 +110,18 @@ impl Layout {
             sizes.push(size(world, p).map_err(|rule| invalid(format!("parameter {i}"), rule))?);
         }
         let (mut ranges, mut start) = (vec![Range { start: 0, cells: 0, channels: 3 }; sizes.len()], 0);
-        let mut dense = 0;
-        for small in [true, false] {
+        let [mut dense, mut single] = [0; 2];
+        for kind in [Storage::Dense, Storage::Single, Storage::Triple] {
             for ((range, &(cells, channels)), p) in ranges.iter_mut().zip(&sizes).zip(parameters) {
-                let most = if matches!(p, Parameter::Medium { .. }) { DENSE_VOXELS } else { DENSE };
-                if (cells <= most) == small {
+                if Storage::of(p, cells, channels) == kind {
                     *range = Range { start, cells, channels };
                     start += cells;
                 }
             }
-            if small {
-                dense = start;
+            match kind {
+                Storage::Dense => dense = start,
+                Storage::Single => single = start,
+                Storage::Triple => {}
             }
         }
         if start >= NONE as usize {
@@ -128,6 +150,7 @@ impl Layout {
             media: false,
             cells: start,
             dense,
+            single,
             absorption: false,
         };
         for (i, p) in parameters.iter().enumerate() {

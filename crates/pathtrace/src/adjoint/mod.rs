@@ -34,7 +34,7 @@ use crate::plan::{self, Features};
 use crate::random::{PathRandom, PixelRandom};
 use crate::render::{RenderOptions, Renderer, film_point, ray_through};
 use crate::world::{World, WorldRay};
-use accumulate::{Accumulator, larger};
+use accumulate::{Accumulator, Sparse, larger};
 use layout::Layout;
 use photofit_image::Image;
 use photofit_sampling::{DirectionSampler, ScatteringSampler, hash};
@@ -311,14 +311,15 @@ impl<'a> Adjoint<'a> {
         let ranges = &self.layout.ranges;
         let mut totals: Vec<Vec<f64>> = ranges.iter().map(|r| vec![0.0; r.cells * r.channels]).collect();
         // One for each task that runs, used again by those that follow.
-        let places = Mutex::new(Vec::new());
+        let unused = Mutex::new(Vec::new());
         let (mut residual, mut not_finite) = (0.0_f64, 0);
         for start in (0..count).step_by(TASKS) {
             let run = |i: u64| {
                 let task = task(i);
-                let free = places.lock().unwrap_or_else(PoisonError::into_inner).pop();
-                let free = free.unwrap_or_else(|| Accumulator::places(self.layout.dense, self.layout.cells));
-                let mut out = Accumulator::new(self.layout.dense, free);
+                let sparse = unused.lock().unwrap_or_else(PoisonError::into_inner).pop();
+                let Layout { dense, single, cells, .. } = self.layout;
+                let sparse = sparse.unwrap_or_else(|| Sparse::new([dense, single, cells]));
+                let mut out = Accumulator::new(dense, sparse);
                 let last = task.first.saturating_add(SAMPLES).min(spp);
                 let mut replay = Replay::new(self.world, &self.layout, &mut out, self.kept);
                 for y in task.y..(task.y + TILE).min(h) {
@@ -334,8 +335,8 @@ impl<'a> Adjoint<'a> {
                         }
                     }
                 }
-                let free = out.finish();
-                places.lock().unwrap_or_else(PoisonError::into_inner).push(free);
+                let sparse = out.finish();
+                unused.lock().unwrap_or_else(PoisonError::into_inner).push(sparse);
                 out
             };
             let batch = start..(start + TASKS as u64).min(count);

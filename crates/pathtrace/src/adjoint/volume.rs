@@ -108,14 +108,15 @@ impl Replay<'_> {
         // Flights without an end gather no light: collisions tell all of it.
         let reach = derivatives.reach(&segment(flight, flight.end));
         let [c, b] = reach.map_or([0.0; 2], |reach| [1.0 / reach, cells.dark_albedo]);
-        let sigma = derivatives.extinction(p);
+        let here = derivatives.at(p);
+        let sigma = here.extinction();
         if cells.extinction != NONE {
             let g = over(g, sigma, c);
-            derivatives.extinction_vjp(p, g, |voxel, g| out.add(offset(cells.extinction, voxel), g));
+            here.extinction_vjp(g, |voxel, g| out.add(offset(cells.extinction, voxel), g));
         }
         if cells.albedo != NONE {
-            let g = over(g.mul(shares(sigma, c)), derivatives.albedo(p), b);
-            derivatives.albedo_vjp(p, g, |voxel, g| out.add(offset(cells.albedo, voxel), g));
+            let g = over(g.mul(shares(sigma, c)), here.albedo(), b);
+            here.albedo_vjp(g, |voxel, g| out.add(offset(cells.albedo, voxel), g));
         }
     }
 
@@ -168,7 +169,8 @@ impl Replay<'_> {
             return;
         }
         let cells = self.layout.medium(medium);
-        let (sigma, albedo) = (derivatives.extinction(p), derivatives.albedo(p));
+        let here = derivatives.at(p);
+        let (sigma, albedo) = (here.extinction(), here.albedo());
         // What collisions leave to tell of the extinction and of the albedo; nothing of what is not asked for, nor of what
         // scatters nothing.
         let told = shares(sigma, 1.0 / reach);
@@ -194,11 +196,11 @@ impl Replay<'_> {
         let out = &mut *self.out;
         if cells.extinction != NONE {
             let g = g.mul(albedo).mul(of_extinction);
-            derivatives.extinction_vjp(p, g, |voxel, g| out.add(offset(cells.extinction, voxel), g));
+            here.extinction_vjp(g, |voxel, g| out.add(offset(cells.extinction, voxel), g));
         }
         if cells.albedo != NONE {
             let g = g.mul(sigma).mul(of_albedo);
-            derivatives.albedo_vjp(p, g, |voxel, g| out.add(offset(cells.albedo, voxel), g));
+            here.albedo_vjp(g, |voxel, g| out.add(offset(cells.albedo, voxel), g));
         }
     }
 }

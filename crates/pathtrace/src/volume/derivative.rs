@@ -6,6 +6,7 @@
 //! sampled where light could be scattered, also where there is nothing yet ([`Derivatives::sample`]).
 
 use super::bounded::{Extinction, of_chosen, survival};
+use super::grid::Taps;
 use super::untold::Untold;
 use super::{InteriorMedium, Medium, MediumRef, Segment};
 use crate::world::World;
@@ -69,50 +70,25 @@ impl<'a> Derivatives<'a> {
         }
     }
 
-    /// Extinction at a point of the render frame.
-    pub(crate) fn extinction(self, p: Vec3f) -> Vec3f {
-        match (self.grid(), self) {
-            (Some(grid), _) => Vec3f::splat(grid.extinction(grid.to_unit(p))),
-            (None, Self::Bounded(InteriorMedium { extinction: Extinction::Even { sigma, .. }, .. })) => {
-                *sigma
-            }
-            (None, _) => Vec3f::zero(),
+    /// Its extinction, if that is the same everywhere.
+    fn even(self) -> Vec3f {
+        match self {
+            Self::Bounded(InteriorMedium { extinction: Extinction::Even { sigma, .. }, .. }) => *sigma,
+            _ => Vec3f::zero(),
         }
+    }
+
+    /// The medium at a point of the render frame.
+    #[inline]
+    pub(crate) fn at(self, p: Vec3f) -> Here<'a> {
+        Here { medium: self, p, taps: self.grid().map(|grid| (grid, grid.near(grid.to_unit(p)))) }
     }
 
     /// What collisions leave to tell of it.
     pub(crate) fn untold(self) -> Untold {
         match self.grid() {
             Some(grid) => Untold::of_voxels(grid.extinctions()),
-            None => Untold::Even(self.extinction(Vec3f::zero())),
-        }
-    }
-
-    /// Adjoint of [`Self::extinction`] with respect to the values before their scale; `add` gets cells and gradients, of
-    /// grids in the first channel.
-    pub(crate) fn extinction_vjp(self, p: Vec3f, g: Vec3f, mut add: impl FnMut(usize, Vec3f)) {
-        match (self.grid(), self) {
-            (Some(grid), _) => {
-                grid.extinction_vjp(grid.to_unit(p), g.sum(), |i, g| add(i, vec3(g, 0.0, 0.0)))
-            }
-            (None, Self::Bounded(medium)) => add(0, g * medium.scale),
-            (None, _) => {}
-        }
-    }
-
-    /// Albedo at a point of the render frame.
-    pub(crate) fn albedo(self, p: Vec3f) -> Vec3f {
-        match self {
-            Self::Volume(medium) => medium.albedo(medium.to_unit(p)),
-            Self::Bounded(medium) => medium.albedo(p),
-        }
-    }
-
-    /// Adjoint of [`Self::albedo`].
-    pub(crate) fn albedo_vjp(self, p: Vec3f, g: Vec3f, add: impl FnMut(usize, Vec3f)) {
-        match self {
-            Self::Volume(medium) => medium.albedo_vjp(medium.to_unit(p), g, add),
-            Self::Bounded(medium) => medium.albedo.vjp(p, g, add),
+            None => Untold::Even(self.even()),
         }
     }
 
@@ -140,7 +116,7 @@ impl<'a> Derivatives<'a> {
         let Some(grid) = self.grid() else {
             // Through an even medium without an end comes no light: what is left of it is rounding.
             if along.length.is_finite() {
-                self.extinction_vjp(along.origin, g * -along.length, add);
+                self.at(along.origin).extinction_vjp(g * -along.length, add);
             }
             return;
         };
@@ -150,7 +126,7 @@ impl<'a> Derivatives<'a> {
         let g = -g.sum() * step;
         for i in 0..points as u32 {
             let q = inside.at(inside.from + (i as f32 + rng.next_f32()) * step);
-            grid.extinction_vjp(q, g, |i, g| add(i, vec3(g, 0.0, 0.0)));
+            grid.extinction_vjp(&grid.near(q), g, |i, g| add(i, vec3(g, 0.0, 0.0)));
         }
     }
 
@@ -173,7 +149,7 @@ impl<'a> Derivatives<'a> {
             let (t, weight) = grid.sample_transmittance(along.origin, along.direction, along.length, rng)?;
             return Some(Sample { t, weight: Vec3f::splat(weight) });
         }
-        let sigma = self.extinction(along.origin);
+        let sigma = self.even();
         sample_evenly(sigma, along.length, share, [rng.next_f32(), rng.next_f32()])
     }
 
@@ -185,6 +161,58 @@ impl<'a> Derivatives<'a> {
         };
         let dark = values.iter().any(|a| a.mul(factor).to_array().iter().any(|x| *x < DARK));
         if dark { DARK_HALF } else { 0.0 }
+    }
+}
+
+/// A medium at a point, whose voxels are looked up once.
+pub(crate) struct Here<'a> {
+    medium: Derivatives<'a>,
+    p: Vec3f,
+    /// The grid of its extinction, if it has one, and the voxels around the point.
+    taps: Option<(&'a Medium, Taps)>,
+}
+
+impl Here<'_> {
+    /// Extinction.
+    #[inline]
+    pub(crate) fn extinction(&self) -> Vec3f {
+        match &self.taps {
+            Some((grid, taps)) => Vec3f::splat(grid.extinction_among(taps)),
+            None => self.medium.even(),
+        }
+    }
+
+    /// Adjoint of [`Self::extinction`] with respect to the values before their scale; `add` gets cells and gradients, of
+    /// grids in the first channel.
+    #[inline]
+    pub(crate) fn extinction_vjp(&self, g: Vec3f, mut add: impl FnMut(usize, Vec3f)) {
+        match (&self.taps, self.medium) {
+            (Some((grid, taps)), _) => {
+                grid.extinction_vjp(taps, g.sum(), |i, g| add(i, vec3(g, 0.0, 0.0)));
+            }
+            (None, Derivatives::Bounded(medium)) => add(0, g * medium.scale),
+            (None, _) => {}
+        }
+    }
+
+    /// Albedo.
+    #[inline]
+    pub(crate) fn albedo(&self) -> Vec3f {
+        match (self.medium, &self.taps) {
+            (Derivatives::Bounded(medium), _) => medium.albedo(self.p),
+            (_, Some((grid, taps))) => grid.albedo_among(taps),
+            (_, None) => Vec3f::zero(),
+        }
+    }
+
+    /// Adjoint of [`Self::albedo`].
+    #[inline]
+    pub(crate) fn albedo_vjp(&self, g: Vec3f, add: impl FnMut(usize, Vec3f)) {
+        match (self.medium, &self.taps) {
+            (Derivatives::Bounded(medium), _) => medium.albedo.vjp(self.p, g, add),
+            (_, Some((grid, taps))) => grid.albedo_vjp(taps, g, add),
+            (_, None) => {}
+        }
     }
 }
 

@@ -240,47 +240,64 @@ impl Medium {
         vec3(q.x, q.y, q.z)
     }
 
+    /// The voxels around a point of the unit cube.
+    #[inline]
+    pub(super) fn near(&self, q: Vec3f) -> Taps {
+        taps(self.size, q)
+    }
+
     /// Extinction at a point of the unit cube.
     #[inline]
     pub(crate) fn extinction(&self, q: Vec3f) -> f32 {
-        if let [constant] = self.extinction[..] {
-            return constant;
+        match self.extinction[..] {
+            [constant] => constant,
+            _ => self.extinction_among(&self.near(q)),
         }
-        let (at, weight) = taps(self.size, q);
-        (0..8).map(|i| self.extinction[at[i]] * weight[i]).sum()
     }
 
-    /// Adjoint of [`Self::extinction`] with respect to the density of voxels, for its gradient `g`: `add` gets voxels and
+    /// [`Self::extinction`] at the point whose voxels these are.
+    #[inline]
+    pub(super) fn extinction_among(&self, (at, weight): &Taps) -> f32 {
+        match self.extinction[..] {
+            [constant] => constant,
+            _ => (0..8).map(|i| self.extinction[at[i]] * weight[i]).sum(),
+        }
+    }
+
+    /// Adjoint of [`Self::extinction_among`] with respect to the density of voxels, for its gradient `g`: `add` gets voxels and
     /// gradients.
     #[inline]
-    pub(crate) fn extinction_vjp(&self, q: Vec3f, g: f32, mut add: impl FnMut(usize, f32)) {
+    pub(super) fn extinction_vjp(&self, (at, weight): &Taps, g: f32, mut add: impl FnMut(usize, f32)) {
         let g = g * self.scale;
         if self.extinction.len() == 1 {
             return add(0, g);
         }
-        let (at, weight) = taps(self.size, q);
         (0..8).filter(|i| weight[*i] != 0.0).for_each(|i| add(at[i], g * weight[i]));
     }
 
     /// Albedo at a point of the unit cube.
     #[inline]
     pub(crate) fn albedo(&self, q: Vec3f) -> Vec3f {
+        if self.albedos.is_empty() { self.albedo } else { self.albedo_among(&self.near(q)) }
+    }
+
+    /// [`Self::albedo`] at the point whose voxels these are.
+    #[inline]
+    pub(super) fn albedo_among(&self, (at, weight): &Taps) -> Vec3f {
         if self.albedos.is_empty() {
             return self.albedo;
         }
-        let (at, weight) = taps(self.size, q);
         let sum = (0..8).fold(vec3(0.0, 0.0, 0.0), |s, i| s + self.albedos[at[i]] * weight[i]);
         sum.mul(self.factor_of_albedos())
     }
 
-    /// Adjoint of [`Self::albedo`] with respect to [`Self::albedos`], for its gradient `g`.
+    /// Adjoint of [`Self::albedo_among`] with respect to [`Self::albedos`], for its gradient `g`.
     #[inline]
-    pub(crate) fn albedo_vjp(&self, q: Vec3f, g: Vec3f, mut add: impl FnMut(usize, Vec3f)) {
+    pub(super) fn albedo_vjp(&self, (at, weight): &Taps, g: Vec3f, mut add: impl FnMut(usize, Vec3f)) {
         if self.albedos.is_empty() {
             return add(0, g);
         }
         let g = g.mul(self.factor_of_albedos());
-        let (at, weight) = taps(self.size, q);
         (0..8).filter(|i| weight[*i] != 0.0).for_each(|i| add(at[i], g * weight[i]));
     }
 }
@@ -290,9 +307,12 @@ pub(super) fn is_share(a: &Vec3f) -> bool {
     a.to_array().iter().all(|x| (0.0..=1.0).contains(x))
 }
 
-/// The eight voxels around a point of the unit cube, and their weights.
+/// The eight voxels around a point, and their weights.
+pub(super) type Taps = ([usize; 8], [f32; 8]);
+
+/// The voxels around a point of the unit cube.
 #[inline(always)]
-pub(super) fn taps(size: [usize; 3], q: Vec3f) -> ([usize; 8], [f32; 8]) {
+pub(super) fn taps(size: [usize; 3], q: Vec3f) -> Taps {
     let mut at = [[0_usize; 2]; 3];
     let mut share = [[0.0_f32; 2]; 3];
     for k in 0..3 {
