@@ -260,24 +260,21 @@ fn items(model: &Traced, held_out: Option<usize>, steps: u64) -> Vec<Item> {
 
 /// What steps are smoothed by, and of which parameters.
 fn smoothed(model: &Traced, steps: bool) -> Item {
+    let names = |which: &dyn Fn(usize) -> bool| {
+        let of = (0..model.parameters.len()).filter(|k| which(*k));
+        of.map(|k| model.parameters[k].name.as_str()).collect::<Vec<_>>().join(", ")
+    };
+    let narrow = names(&|k| model.narrows(k));
+    let wide = names(&|k| model.is_smoothed(k) && !model.narrows(k));
+    let small = names(&|k| model.parameters[k].cells() > 1 && !model.is_smoothed(k));
     let how = match model.smoothing {
         Smoothing::Narrowing => Smoothing::Bilateral,
         other => other,
     };
-    let hows = [Smoothing::Narrowing.name(), how.name(), "too few cells for a filter"];
-    let mut names = hows.map(|_| Vec::new());
-    let mut any = false;
-    for (k, p) in model.parameters.iter().enumerate() {
-        let row = match (model.is_smoothed(k), model.narrows(k)) {
-            (true, narrows) => usize::from(!narrows),
-            (false, _) if p.cells() > 1 => 2,
-            (false, _) => continue,
-        };
-        any |= row < 2;
-        names[row].push(p.name.as_str());
-    }
-    let told = hows.iter().zip(&names).filter(|(_, names)| !names.is_empty());
-    let told: Vec<String> = told.map(|(how, names)| format!("{how}: {}", names.join(", "))).collect();
+    let rows =
+        [(Smoothing::Narrowing.name(), narrow), (how.name(), wide), ("too few cells for a filter", small)];
+    let told = rows.iter().filter(|(_, names)| !names.is_empty());
+    let told: Vec<String> = told.map(|(how, names)| format!("{how}: {names}")).collect();
     let why_not = match model.smoothing {
         _ if !steps => rows::NO_STEPS,
         Smoothing::None => "not asked for",
@@ -285,6 +282,7 @@ fn smoothed(model: &Traced, steps: bool) -> Item {
             "all parameters are single values, textures or grids of fewer than 16 cells along the longest side, or skies of fewer than 16 rows"
         }
     };
+    let any = (0..model.parameters.len()).any(|k| model.is_smoothed(k));
     Item::of("smoothed steps", steps && any, told.join("; "), why_not)
 }
 

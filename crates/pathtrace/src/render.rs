@@ -205,7 +205,9 @@ impl<'a> Renderer<'a> {
         if self.options.noise.is_none() {
             self.pass_to(self.options.spp, self.kernel(), || false);
         }
-        while !self.pass(|| false).done {}
+        while self.film.tiles.iter().any(|t| t.active) {
+            self.pass(|| false);
+        }
     }
 
     /// As [`Self::pass`], with directions of `sampler` at surfaces, whatever integrator the options name. Passes of any

@@ -73,9 +73,9 @@ pub(super) struct Sparse {
 }
 
 impl Sparse {
-    /// Of cells of one channel from `start` to `single`, and of those of three from there to `end`.
-    pub(super) fn new([start, single, end]: [usize; 3]) -> Self {
-        Self { single: Pages::of(start..single), triple: Pages::of(single..end) }
+    /// Of these cells of one channel, and of those of three, which follow.
+    pub(super) fn new(single: std::ops::Range<usize>, triple: std::ops::Range<usize>) -> Self {
+        Self { single: Pages::of(single), triple: Pages::of(triple) }
     }
 }
 
@@ -157,18 +157,19 @@ impl Accumulator {
     /// Adds to the sums of so many channels of the cells from `from` on; all of them are dense, of one channel, or neither.
     fn add_to(&self, from: usize, sums: &mut [f64], channels: usize) {
         let cells = from..from + sums.len() / channels;
-        if let Some(dense) = self.dense.get(cells.clone()) {
-            sums.chunks_exact_mut(channels).zip(dense).for_each(|(sum, g)| add(sum, g));
-        } else if channels == 1 {
-            add_sparse(&self.single, cells, sums, channels);
-        } else {
-            add_sparse(&self.triple, cells, sums, channels);
+        match self.dense.get(cells.clone()) {
+            Some(dense) => sums.chunks_exact_mut(channels).zip(dense).for_each(|(sum, g)| add_all(sum, g)),
+            None => {
+                // The cells lie in one of the two.
+                add_sparse(&self.single, cells.clone(), sums, channels);
+                add_sparse(&self.triple, cells, sums, channels);
+            }
         }
     }
 }
 
 /// Adds each channel that there is.
-fn add(sum: &mut [f64], g: &[f64]) {
+fn add_all(sum: &mut [f64], g: &[f64]) {
     sum.iter_mut().zip(g).for_each(|(s, g)| *s += g);
 }
 
@@ -181,7 +182,7 @@ fn add_sparse<const N: usize>(
 ) {
     let begin = sparse.partition_point(|e| (e.0 as usize) < cells.start);
     for (cell, g) in sparse[begin..].iter().take_while(|e| cells.contains(&(e.0 as usize))) {
-        add(&mut sums[(*cell as usize - cells.start) * channels..][..channels], g);
+        add_all(&mut sums[(*cell as usize - cells.start) * channels..][..channels], g);
     }
 }
 
@@ -209,13 +210,14 @@ mod tests {
     #[test]
     fn sums_are_those_of_the_order_of_arrival() {
         for (count, cells) in [(0, 1), (5000, 40), (5000, 300), (40_000, 1 << 22)] {
-            let whole = DENSE + 150;
+            // More than two bands of cells of one channel.
+            let whole = DENSE + 10_000;
             let range = |start, cells, channels| Range { start, cells, channels };
             let ranges =
                 [range(0, DENSE, 3), range(DENSE, whole - DENSE, 1), range(whole, (1 << 22) - whole, 3)];
             let mut totals = ranges.map(|r| vec![0.0; r.cells * r.channels]);
             let mut expected = vec![[0.0; 3]; 1 << 22];
-            let mut sparse = Sparse::new([DENSE, whole, 1 << 22]);
+            let mut sparse = Sparse::new(DENSE..whole, whole..1 << 22);
             let tasks: Vec<Accumulator> = (0..3)
                 .map(|task| {
                     let mut out = Accumulator::new(DENSE, std::mem::take(&mut sparse));

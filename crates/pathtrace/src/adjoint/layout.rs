@@ -70,10 +70,10 @@ enum Storage {
 }
 
 impl Storage {
-    fn of(parameter: &Parameter, cells: usize, channels: usize) -> Self {
-        let most = if matches!(parameter, Parameter::Medium { .. }) { DENSE_VOXELS } else { DENSE };
+    fn of(parameter: &Parameter, cells: usize, channels: usize, most: [usize; 2]) -> Self {
+        let is_medium = matches!(parameter, Parameter::Medium { .. });
         match channels {
-            _ if cells <= most => Self::Dense,
+            _ if cells <= most[usize::from(is_medium)] => Self::Dense,
             1 => Self::Single,
             _ => Self::Triple,
         }
@@ -97,30 +97,39 @@ pub(super) struct Layout {
     pub(super) media: bool,
     /// Cells; the end of those that are summed densely, which come first, and of those of one channel, which follow.
     pub(super) cells: usize,
-    pub(super) dense: usize,
-    pub(super) single: usize,
+    pub(super) dense_end: usize,
+    pub(super) single_end: usize,
     /// Absorption is asked for.
     pub(super) absorption: bool,
 }
 
 impl Layout {
     pub(super) fn new(world: &World, parameters: &[Parameter]) -> Result<Self, PathtraceError> {
+        Self::with_most_dense(world, parameters, [DENSE, DENSE_VOXELS])
+    }
+
+    /// With so many cells at most that are summed densely: of a parameter of surfaces or lights, and of one of a medium.
+    pub(super) fn with_most_dense(
+        world: &World,
+        parameters: &[Parameter],
+        most: [usize; 2],
+    ) -> Result<Self, PathtraceError> {
         let mut sizes = Vec::with_capacity(parameters.len());
         for (i, p) in parameters.iter().enumerate() {
             sizes.push(size(world, p).map_err(|rule| invalid(format!("parameter {i}"), rule))?);
         }
         let (mut ranges, mut start) = (vec![Range { start: 0, cells: 0, channels: 3 }; sizes.len()], 0);
-        let [mut dense, mut single] = [0; 2];
+        let [mut dense_end, mut single_end] = [0; 2];
         for kind in [Storage::Dense, Storage::Single, Storage::Triple] {
             for ((range, &(cells, channels)), p) in ranges.iter_mut().zip(&sizes).zip(parameters) {
-                if Storage::of(p, cells, channels) == kind {
+                if Storage::of(p, cells, channels, most) == kind {
                     *range = Range { start, cells, channels };
                     start += cells;
                 }
             }
             match kind {
-                Storage::Dense => dense = start,
-                Storage::Single => single = start,
+                Storage::Dense => dense_end = start,
+                Storage::Single => single_end = start,
                 Storage::Triple => {}
             }
         }
@@ -149,8 +158,8 @@ impl Layout {
             bounded: vec![MediumCells::NONE; world.media.bounded.len()],
             media: false,
             cells: start,
-            dense,
-            single,
+            dense_end,
+            single_end,
             absorption: false,
         };
         for (i, p) in parameters.iter().enumerate() {

@@ -162,6 +162,13 @@ impl<'a> Adjoint<'a> {
         Ok(Self { world, view: *view, options, layout, kernel, volumes, kept: tape::LENGTH })
     }
 
+    /// Sums all cells in pages.
+    #[cfg(test)]
+    pub(crate) fn sum_in_pages(&mut self, parameters: &[Parameter]) {
+        let layout = Layout::with_most_dense(self.world, parameters, [0; 2]).expect("they were taken");
+        self.layout = layout.with_media(self.world, parameters);
+    }
+
     /// The picture: linear colour with alpha, premultiplied.
     ///
     /// # Errors
@@ -310,16 +317,16 @@ impl<'a> Adjoint<'a> {
         };
         let ranges = &self.layout.ranges;
         let mut totals: Vec<Vec<f64>> = ranges.iter().map(|r| vec![0.0; r.cells * r.channels]).collect();
-        // One for each task that runs, used again by those that follow.
+        // Memory of tasks that have ended, used again by those that follow: as much as for one on every thread.
         let unused = Mutex::new(Vec::new());
         let (mut residual, mut not_finite) = (0.0_f64, 0);
         for start in (0..count).step_by(TASKS) {
             let run = |i: u64| {
                 let task = task(i);
                 let sparse = unused.lock().unwrap_or_else(PoisonError::into_inner).pop();
-                let Layout { dense, single, cells, .. } = self.layout;
-                let sparse = sparse.unwrap_or_else(|| Sparse::new([dense, single, cells]));
-                let mut out = Accumulator::new(dense, sparse);
+                let Layout { dense_end, single_end, cells, .. } = self.layout;
+                let sparse = sparse.unwrap_or_else(|| Sparse::new(dense_end..single_end, single_end..cells));
+                let mut out = Accumulator::new(dense_end, sparse);
                 let last = task.first.saturating_add(SAMPLES).min(spp);
                 let mut replay = Replay::new(self.world, &self.layout, &mut out, self.kept);
                 for y in task.y..(task.y + TILE).min(h) {

@@ -108,15 +108,15 @@ impl Replay<'_> {
         // Flights without an end gather no light: collisions tell all of it.
         let reach = derivatives.reach(&segment(flight, flight.end));
         let [c, b] = reach.map_or([0.0; 2], |reach| [1.0 / reach, cells.dark_albedo]);
-        let here = derivatives.at(p);
-        let sigma = here.extinction();
+        let point = derivatives.at(p);
+        let sigma = point.extinction();
         if cells.extinction != NONE {
             let g = over(g, sigma, c);
-            here.extinction_vjp(g, |voxel, g| out.add(offset(cells.extinction, voxel), g));
+            point.extinction_vjp(g, |voxel, g| out.add(offset(cells.extinction, voxel), g));
         }
         if cells.albedo != NONE {
-            let g = over(g.mul(shares(sigma, c)), here.albedo(), b);
-            here.albedo_vjp(g, |voxel, g| out.add(offset(cells.albedo, voxel), g));
+            let g = over(g.mul(shares(sigma, c)), point.albedo(), b);
+            point.albedo_vjp(g, |voxel, g| out.add(offset(cells.albedo, voxel), g));
         }
     }
 
@@ -169,8 +169,8 @@ impl Replay<'_> {
             return;
         }
         let cells = self.layout.medium(medium);
-        let here = derivatives.at(p);
-        let (sigma, albedo) = (here.extinction(), here.albedo());
+        let point = derivatives.at(p);
+        let (sigma, albedo) = (point.extinction(), point.albedo());
         // What collisions leave to tell of the extinction and of the albedo; nothing of what is not asked for, nor of what
         // scatters nothing.
         let told = shares(sigma, 1.0 / reach);
@@ -196,11 +196,11 @@ impl Replay<'_> {
         let out = &mut *self.out;
         if cells.extinction != NONE {
             let g = g.mul(albedo).mul(of_extinction);
-            here.extinction_vjp(g, |voxel, g| out.add(offset(cells.extinction, voxel), g));
+            point.extinction_vjp(g, |voxel, g| out.add(offset(cells.extinction, voxel), g));
         }
         if cells.albedo != NONE {
             let g = g.mul(sigma).mul(of_albedo);
-            here.albedo_vjp(g, |voxel, g| out.add(offset(cells.albedo, voxel), g));
+            point.albedo_vjp(g, |voxel, g| out.add(offset(cells.albedo, voxel), g));
         }
     }
 }

@@ -365,14 +365,15 @@ fn the_same_bits_on_any_number_of_threads() {
     let view = looking([0.0, 0.8, 3.2], [0.0, -0.1, 0.0], 0.7);
     let parameters: Vec<Parameter> =
         (0..4).map(|texture| Parameter::Texels { texture }).chain([Parameter::Environment]).collect();
-    // Nine tiles, ragged ones among them, in five parts of the samples each: more tasks than are reduced at a time.
+    // Nine tiles, ragged ones among them; alone in five parts of the samples each: more tasks than are reduced at a time.
     let side = 2 * SIDE + 5;
     let weights = Image::from_fn(side, side, 3, |x, y, c| 1.4 * noise((y * side + x) as u64, c as u64) - 0.4);
     let run = |threads: usize| {
         let adjoint = Adjoint::new(&world, &view, square(side, 1), &parameters).unwrap();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| adjoint.render_vjp_with_error(&weights, GradientSamples { spp: 40, seed: None }))
-            .unwrap()
+        let samples = GradientSamples { spp: 40, seed: None };
+        let (gradient, error) = pool.install(|| adjoint.render_vjp_with_error(&weights, samples)).unwrap();
+        (gradient, error, pool.install(|| adjoint.render_vjp(&weights, samples)).unwrap())
     };
     let (a, b) = (run(1), run(2));
     assert!(a == b && a == run(7), "any number of threads");

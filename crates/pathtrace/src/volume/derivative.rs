@@ -28,6 +28,12 @@ pub(crate) enum Derivatives<'a> {
     Bounded(&'a InteriorMedium),
 }
 
+/// An extinction that varies, or is the same everywhere.
+enum Spread<'a> {
+    Grid(&'a Medium),
+    Even(Vec3f),
+}
+
 /// A distance at which light could be scattered.
 pub(crate) struct Sample {
     pub(crate) t: f32,
@@ -43,13 +49,12 @@ impl<'a> Derivatives<'a> {
         }
     }
 
-    /// The grid of its extinction, if it has one.
-    fn grid(self) -> Option<&'a Medium> {
+    fn extinction(self) -> Spread<'a> {
         match self {
-            Self::Volume(grid) => Some(grid),
+            Self::Volume(grid) => Spread::Grid(grid),
             Self::Bounded(medium) => match &medium.extinction {
-                Extinction::Grid(grid) => Some(grid),
-                Extinction::Even { .. } => None,
+                Extinction::Grid(grid) => Spread::Grid(grid),
+                Extinction::Even { sigma, .. } => Spread::Even(*sigma),
             },
         }
     }
@@ -70,25 +75,23 @@ impl<'a> Derivatives<'a> {
         }
     }
 
-    /// Its extinction, if that is the same everywhere.
-    fn even(self) -> Vec3f {
-        match self {
-            Self::Bounded(InteriorMedium { extinction: Extinction::Even { sigma, .. }, .. }) => *sigma,
-            _ => Vec3f::zero(),
-        }
-    }
-
     /// The medium at a point of the render frame.
     #[inline]
-    pub(crate) fn at(self, p: Vec3f) -> Here<'a> {
-        Here { medium: self, p, taps: self.grid().map(|grid| (grid, grid.near(grid.to_unit(p)))) }
+    pub(crate) fn at(self, p: Vec3f) -> MediumPoint<'a> {
+        match (self, self.extinction()) {
+            (Self::Volume(grid), _) => MediumPoint::Volume(grid, grid.taps(grid.to_unit(p))),
+            (Self::Bounded(medium), Spread::Grid(grid)) => {
+                MediumPoint::Bounded(medium, p, grid, grid.taps(grid.to_unit(p)))
+            }
+            (Self::Bounded(medium), Spread::Even(sigma)) => MediumPoint::Even(medium, p, sigma),
+        }
     }
 
     /// What collisions leave to tell of it.
     pub(crate) fn untold(self) -> Untold {
-        match self.grid() {
-            Some(grid) => Untold::of_voxels(grid.extinctions()),
-            None => Untold::Even(self.even()),
+        match self.extinction() {
+            Spread::Grid(grid) => Untold::of_voxels(grid.extinctions()),
+            Spread::Even(sigma) => Untold::Even(sigma),
         }
     }
 
@@ -113,7 +116,7 @@ impl<'a> Derivatives<'a> {
         rng: &mut Rng,
         mut add: impl FnMut(usize, Vec3f),
     ) {
-        let Some(grid) = self.grid() else {
+        let Spread::Grid(grid) = self.extinction() else {
             // Through an even medium without an end comes no light: what is left of it is rounding.
             if along.length.is_finite() {
                 self.at(along.origin).extinction_vjp(g * -along.length, add);
@@ -126,18 +129,18 @@ impl<'a> Derivatives<'a> {
         let g = -g.sum() * step;
         for i in 0..points as u32 {
             let q = inside.at(inside.from + (i as f32 + rng.next_f32()) * step);
-            grid.extinction_vjp(&grid.near(q), g, |i, g| add(i, vec3(g, 0.0, 0.0)));
+            grid.extinction_vjp(&grid.taps(q), g, |i, g| add(i, vec3(g, 0.0, 0.0)));
         }
     }
 
     /// Length of a segment in the medium: one over the extinction at which scattering is told half by the light of
     /// collisions and half by that of [`Self::sample`]. `None` where it is not finite: by collisions alone.
     pub(crate) fn reach(self, along: &Segment) -> Option<f32> {
-        let length = match self.grid() {
-            Some(grid) => {
+        let length = match self.extinction() {
+            Spread::Grid(grid) => {
                 grid.clip(along.origin, along.direction, along.length).map_or(0.0, |i| i.to - i.from)
             }
-            None => along.length,
+            Spread::Even(_) => along.length,
         };
         (length > 0.0 && length.is_finite()).then_some(length)
     }
@@ -145,12 +148,16 @@ impl<'a> Derivatives<'a> {
     /// A distance along a segment, with a density proportional to transmittance; of media of a coloured extinction by
     /// the `share` of light of each colour.
     pub(crate) fn sample(self, along: &Segment, share: Vec3f, rng: &mut Rng) -> Option<Sample> {
-        if let Some(grid) = self.grid() {
-            let (t, weight) = grid.sample_transmittance(along.origin, along.direction, along.length, rng)?;
-            return Some(Sample { t, weight: Vec3f::splat(weight) });
+        match self.extinction() {
+            Spread::Grid(grid) => {
+                let (t, weight) =
+                    grid.sample_transmittance(along.origin, along.direction, along.length, rng)?;
+                Some(Sample { t, weight: Vec3f::splat(weight) })
+            }
+            Spread::Even(sigma) => {
+                sample_evenly(sigma, along.length, share, [rng.next_f32(), rng.next_f32()])
+            }
         }
-        let sigma = self.even();
-        sample_evenly(sigma, along.length, share, [rng.next_f32(), rng.next_f32()])
     }
 
     /// The albedo at which collisions count half of what they count otherwise for its derivative; 0: as much as otherwise at any.
@@ -164,21 +171,24 @@ impl<'a> Derivatives<'a> {
     }
 }
 
-/// A medium at a point, whose voxels are looked up once.
-pub(crate) struct Here<'a> {
-    medium: Derivatives<'a>,
-    p: Vec3f,
-    /// The grid of its extinction, if it has one, and the voxels around the point.
-    taps: Option<(&'a Medium, Taps)>,
+/// A medium at a point; voxels of the grid of its extinction are looked up once.
+pub(crate) enum MediumPoint<'a> {
+    Volume(&'a Medium, Taps),
+    /// A bounded medium, the point, the grid of its extinction.
+    Bounded(&'a InteriorMedium, Vec3f, &'a Medium, Taps),
+    /// A bounded medium, the point, its extinction.
+    Even(&'a InteriorMedium, Vec3f, Vec3f),
 }
 
-impl Here<'_> {
+impl MediumPoint<'_> {
     /// Extinction.
     #[inline]
     pub(crate) fn extinction(&self) -> Vec3f {
-        match &self.taps {
-            Some((grid, taps)) => Vec3f::splat(grid.extinction_among(taps)),
-            None => self.medium.even(),
+        match self {
+            Self::Volume(grid, taps) | Self::Bounded(_, _, grid, taps) => {
+                Vec3f::splat(grid.extinction_among(taps))
+            }
+            Self::Even(_, _, sigma) => *sigma,
         }
     }
 
@@ -186,32 +196,29 @@ impl Here<'_> {
     /// grids in the first channel.
     #[inline]
     pub(crate) fn extinction_vjp(&self, g: Vec3f, mut add: impl FnMut(usize, Vec3f)) {
-        match (&self.taps, self.medium) {
-            (Some((grid, taps)), _) => {
+        match self {
+            Self::Volume(grid, taps) | Self::Bounded(_, _, grid, taps) => {
                 grid.extinction_vjp(taps, g.sum(), |i, g| add(i, vec3(g, 0.0, 0.0)));
             }
-            (None, Derivatives::Bounded(medium)) => add(0, g * medium.scale),
-            (None, _) => {}
+            Self::Even(medium, ..) => add(0, g * medium.scale),
         }
     }
 
     /// Albedo.
     #[inline]
     pub(crate) fn albedo(&self) -> Vec3f {
-        match (self.medium, &self.taps) {
-            (Derivatives::Bounded(medium), _) => medium.albedo(self.p),
-            (_, Some((grid, taps))) => grid.albedo_among(taps),
-            (_, None) => Vec3f::zero(),
+        match self {
+            Self::Volume(grid, taps) => grid.albedo_among(taps),
+            Self::Bounded(medium, p, ..) | Self::Even(medium, p, _) => medium.albedo(*p),
         }
     }
 
     /// Adjoint of [`Self::albedo`].
     #[inline]
     pub(crate) fn albedo_vjp(&self, g: Vec3f, add: impl FnMut(usize, Vec3f)) {
-        match (self.medium, &self.taps) {
-            (Derivatives::Bounded(medium), _) => medium.albedo.vjp(self.p, g, add),
-            (_, Some((grid, taps))) => grid.albedo_vjp(taps, g, add),
-            (_, None) => {}
+        match self {
+            Self::Volume(grid, taps) => grid.albedo_vjp(taps, g, add),
+            Self::Bounded(medium, p, ..) | Self::Even(medium, p, _) => medium.albedo.vjp(*p, g, add),
         }
     }
 }

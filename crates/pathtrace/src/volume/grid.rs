@@ -242,7 +242,7 @@ impl Medium {
 
     /// The voxels around a point of the unit cube.
     #[inline]
-    pub(super) fn near(&self, q: Vec3f) -> Taps {
+    pub(super) fn taps(&self, q: Vec3f) -> Taps {
         taps(self.size, q)
     }
 
@@ -251,7 +251,7 @@ impl Medium {
     pub(crate) fn extinction(&self, q: Vec3f) -> f32 {
         match self.extinction[..] {
             [constant] => constant,
-            _ => self.extinction_among(&self.near(q)),
+            _ => self.extinction_among(&self.taps(q)),
         }
     }
 
@@ -278,7 +278,7 @@ impl Medium {
     /// Albedo at a point of the unit cube.
     #[inline]
     pub(crate) fn albedo(&self, q: Vec3f) -> Vec3f {
-        if self.albedos.is_empty() { self.albedo } else { self.albedo_among(&self.near(q)) }
+        if self.albedos.is_empty() { self.albedo } else { self.albedo_among(&self.taps(q)) }
     }
 
     /// [`Self::albedo`] at the point whose voxels these are.
