@@ -107,6 +107,7 @@ fn task(a: &RecoverScene, mut subject: Subject, source: &Source<'_>) -> Result<T
         quantities.push(quantity);
         boxes.push(bounds);
     }
+    check_starts(a, &parameters)?;
     let given = match source {
         Source::Own { .. } => None,
         Source::Files(files) => {
@@ -142,18 +143,33 @@ fn fit_options(a: &RecoverScene) -> RecoverSceneOptions {
     RecoverSceneOptions { steps: a.traced.steps, rate: a.traced.rate, seed: a.scene.seed, checkpointing }
 }
 
-/// Sets the values that the fit starts from, and moves those of the scene into their ranges.
-fn begin(a: &RecoverScene, task: &mut Task) -> Result<()> {
+/// The start of a parameter: its own counts more than one for all, the last of several more than those before.
+fn given_start(a: &RecoverScene, name: &str) -> Option<f64> {
+    let last = |of: Option<&str>| a.start.iter().rev().find(|s| s.0.as_deref() == of);
+    last(Some(name)).or_else(|| last(None)).map(|s| s.1)
+}
+
+/// Refuses starts of what is not fitted, and those above what a parameter can be.
+fn check_starts(a: &RecoverScene, parameters: &[TracedParameter]) -> Result<()> {
     for name in a.start.iter().filter_map(|s| s.0.as_ref()) {
         if !a.parameter.contains(name) {
             bail!(Misuse(format!("--start: {name} is not fitted; it must be one of --parameter")));
         }
     }
+    for p in parameters {
+        let most = p.range[1];
+        if let Some(start) = given_start(a, &p.name).filter(|x| *x > f64::from(most)) {
+            bail!(Misuse(format!("--start: {start} for {}; it must be at most {most}", p.name)));
+        }
+    }
+    Ok(())
+}
+
+/// Sets the values that the fit starts from, and moves those of the scene into their ranges.
+fn begin(a: &RecoverScene, task: &mut Task) -> Result<()> {
     for (k, quantity) in task.quantities.iter().enumerate() {
         let (values, p) = (task.model.of(k), &task.model.parameters[k]);
-        // Its own counts more than one for all, the last of several more than those before.
-        let own = a.start.iter().rev().find(|s| s.0.as_ref() == Some(&p.name));
-        let given = own.or_else(|| a.start.iter().rev().find(|s| s.0.is_none())).map(|s| s.1 as f32);
+        let given = given_start(a, &p.name).map(|x| x as f32);
         let start = if given.is_some() || a.self_test {
             quantity.flat(values, p.channels(), given)
         } else {

@@ -105,6 +105,26 @@ fn a_stopped_run_goes_on_to_the_same_values() {
 }
 
 #[test]
+fn starts_that_no_parameter_can_have_are_refused_at_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    std::fs::write(d.join("s.xml"), scene("0.7 0.2 0.3", "4")).unwrap();
+    let cases = [
+        ("1.5", "--start: 1.5 for white.reflectance.value; it must be at most 1"),
+        ("white.reflectance.value=2", "--start: 2 for white.reflectance.value; it must be at most 1"),
+        ("sky.radiance.value=2", "--start: sky.radiance.value is not fitted; it must be one of --parameter"),
+    ];
+    for (start, rule) in cases {
+        let base = ["recover", "scene", "s.xml", "--self-test", "-o", "out", "--start", start];
+        let o = photofit(d, &[&base[..], &WHITE].concat());
+        assert_eq!(o.status.code(), Some(2));
+        let told = stderr(&o);
+        assert!(told.contains(rule) && !told.contains("pictures"), "{told}");
+        assert!(!d.join("out").exists());
+    }
+}
+
+#[test]
 fn two_pictures_with_cameras_recover_a_scene() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();
