@@ -5,13 +5,14 @@ import os
 import time
 
 import numpy as np
+from scipy.stats import chi2, norm
 
 from denoise_scenes import coordinates, diffuse, floor, lamp, number, rgb, smooth
 from driver_mitsuba import FILTERS, SAMPLERS, ready, variant, versions
 from harness import ROOT, WORK, markdown, program
 
 ABOUT = "Variance and time of path-traced gradients against Mitsuba"
-NEEDS = ["numpy", "mitsuba"]
+NEEDS = ["numpy", "mitsuba", "scipy"]
 
 # Independent estimates of each program, samples a pixel of each, and runs of ours that hold them together.
 ESTIMATES = 64
@@ -140,10 +141,9 @@ def limit(values):
     """The mean squared z of so many values from which two gradients count as different.
 
     Independent values are below it but for one time in 16,000, as one value is within four standard deviations. Of standard errors from 64 estimates
-    the mean is 1.03 where gradients agree, from 16 (blocks) at most 1.15: a tenth more.
+    the mean is 1.03 where gradients agree, from 16 (blocks) at most 1.15: a tenth more. Channels of one colour are not independent: where all three are
+    one, three values are above it one time in 220.
     """
-    from scipy.stats import chi2, norm
-
     return 1.1 * chi2.isf(2 * norm.sf(4), values) / values
 
 

@@ -12,7 +12,7 @@ use plotters::prelude::{
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Axis<'a>(pub(crate) &'a str);
 
-/// Colours that differ in brightness too.
+/// The first eight differ in brightness too.
 const COLORS: [RGBColor; 12] = [
     RGBColor(0x1b, 0x5f, 0x9e),
     RGBColor(0xd9, 0x6b, 0x0b),

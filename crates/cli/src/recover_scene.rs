@@ -107,7 +107,7 @@ fn task(a: &RecoverScene, mut subject: Subject, source: &Source<'_>) -> Result<T
         quantities.push(quantity);
         boxes.push(bounds);
     }
-    check_starts(a, &parameters)?;
+    check_starts(a, &parameters, &quantities)?;
     let given = match source {
         Source::Own { .. } => None,
         Source::Files(files) => {
@@ -150,16 +150,18 @@ fn given_start(a: &RecoverScene, name: &str) -> Option<f64> {
 }
 
 /// Refuses starts of what is not fitted, and those above what a parameter can be.
-fn check_starts(a: &RecoverScene, parameters: &[TracedParameter]) -> Result<()> {
+fn check_starts(a: &RecoverScene, parameters: &[TracedParameter], quantities: &[Quantity]) -> Result<()> {
     for name in a.start.iter().filter_map(|s| s.0.as_ref()) {
         if !a.parameter.contains(name) {
             bail!(Misuse(format!("--start: {name} is not fitted; it must be one of --parameter")));
         }
     }
-    for p in parameters {
+    // Normal maps start without bumps, whatever is given.
+    for (p, _) in parameters.iter().zip(quantities).filter(|(_, q)| **q != Quantity::Normal) {
         let most = p.range[1];
         if let Some(start) = given_start(a, &p.name).filter(|x| *x > f64::from(most)) {
-            bail!(Misuse(format!("--start: {start} for {}; it must be at most {most}", p.name)));
+            let own = if a.start.iter().any(|s| s.0.is_none()) { "; KEY=X gives each its own" } else { "" };
+            bail!(Misuse(format!("--start: {start} for {}; it must be at most {most}{own}", p.name)));
         }
     }
     Ok(())

@@ -82,7 +82,7 @@ impl Case {
             let (truth, variance) = mean(&parts);
             // Less what noise adds to it.
             let length = truth.iter().map(|t| t * t).sum::<f64>() - variance;
-            ensure!(length > 0.0, "{}: the gradient is lost in noise", kind.name);
+            ensure!(length > variance, "{}: the gradient is lost in noise", kind.name);
             let mut curve: Vec<(f64, f64)> = Vec::new();
             for spp in SAMPLES {
                 let (mut seconds, mut of_pictures, mut squares) = (Vec::new(), Vec::new(), 0.0);

@@ -186,7 +186,7 @@ pub(crate) struct RecoverScene {
     pub(crate) parameter: Vec<String>,
     /// Value that all parameters start from, or KEY=X: that one of them starts from; may be repeated [range: 0 to 1000000]
     /// [default: what the scene says; with --self-test the middle of what has bounds, half the mean of densities, twice that of
-    /// other values]. Normal maps start without bumps.
+    /// other values]. What is more than a parameter can be is refused, what is less moved into its range; normal maps start without bumps.
     #[arg(long, value_name = "X|KEY=X", value_parser = of_key(0.0..=1e6))]
     pub(crate) start: Vec<(Option<String>, f64)>,
     #[command(flatten)]

@@ -365,7 +365,7 @@ fn the_same_bits_on_any_number_of_threads() {
     let view = looking([0.0, 0.8, 3.2], [0.0, -0.1, 0.0], 0.7);
     let parameters: Vec<Parameter> =
         (0..4).map(|texture| Parameter::Texels { texture }).chain([Parameter::Environment]).collect();
-    // Nine tiles, ragged ones among them; alone in five parts of the samples each: more tasks than are reduced at a time.
+    // Nine tiles, ragged ones among them. One estimate has five tasks of each: more than are reduced at a time.
     let side = 2 * SIDE + 5;
     let weights = Image::from_fn(side, side, 3, |x, y, c| 1.4 * noise((y * side + x) as u64, c as u64) - 0.4);
     let run = |threads: usize| {
@@ -378,7 +378,6 @@ fn the_same_bits_on_any_number_of_threads() {
     let (a, b) = (run(1), run(2));
     assert!(a == b && a == run(7), "any number of threads");
     assert!(a.0.parameters.iter().all(|p| p.values.iter().any(|v| *v != 0.0)));
-    // The errors are those of the values: half of the samples make them larger by the root of two.
     assert!(a.1.parameters.iter().flat_map(|p| &p.values).all(|e| e.is_finite() && *e >= 0.0));
 }
 

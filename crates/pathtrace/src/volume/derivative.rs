@@ -29,7 +29,7 @@ pub(crate) enum Derivatives<'a> {
 }
 
 /// An extinction that varies, or is the same everywhere.
-enum Spread<'a> {
+enum ExtinctionRef<'a> {
     Grid(&'a Medium),
     Even(Vec3f),
 }
@@ -49,12 +49,12 @@ impl<'a> Derivatives<'a> {
         }
     }
 
-    fn extinction(self) -> Spread<'a> {
+    fn extinction(self) -> ExtinctionRef<'a> {
         match self {
-            Self::Volume(grid) => Spread::Grid(grid),
+            Self::Volume(grid) => ExtinctionRef::Grid(grid),
             Self::Bounded(medium) => match &medium.extinction {
-                Extinction::Grid(grid) => Spread::Grid(grid),
-                Extinction::Even { sigma, .. } => Spread::Even(*sigma),
+                Extinction::Grid(grid) => ExtinctionRef::Grid(grid),
+                Extinction::Even { sigma, .. } => ExtinctionRef::Even(*sigma),
             },
         }
     }
@@ -80,18 +80,18 @@ impl<'a> Derivatives<'a> {
     pub(crate) fn at(self, p: Vec3f) -> MediumPoint<'a> {
         match (self, self.extinction()) {
             (Self::Volume(grid), _) => MediumPoint::Volume(grid, grid.taps(grid.to_unit(p))),
-            (Self::Bounded(medium), Spread::Grid(grid)) => {
-                MediumPoint::Bounded(medium, p, grid, grid.taps(grid.to_unit(p)))
+            (Self::Bounded(medium), ExtinctionRef::Grid(grid)) => {
+                MediumPoint::Bounded { medium, p, grid, taps: grid.taps(grid.to_unit(p)) }
             }
-            (Self::Bounded(medium), Spread::Even(sigma)) => MediumPoint::Even(medium, p, sigma),
+            (Self::Bounded(medium), ExtinctionRef::Even(sigma)) => MediumPoint::Even { medium, p, sigma },
         }
     }
 
     /// What collisions leave to tell of it.
     pub(crate) fn untold(self) -> Untold {
         match self.extinction() {
-            Spread::Grid(grid) => Untold::of_voxels(grid.extinctions()),
-            Spread::Even(sigma) => Untold::Even(sigma),
+            ExtinctionRef::Grid(grid) => Untold::of_voxels(grid.extinctions()),
+            ExtinctionRef::Even(sigma) => Untold::Even(sigma),
         }
     }
 
@@ -116,7 +116,7 @@ impl<'a> Derivatives<'a> {
         rng: &mut Rng,
         mut add: impl FnMut(usize, Vec3f),
     ) {
-        let Spread::Grid(grid) = self.extinction() else {
+        let ExtinctionRef::Grid(grid) = self.extinction() else {
             // Through an even medium without an end comes no light: what is left of it is rounding.
             if along.length.is_finite() {
                 self.at(along.origin).extinction_vjp(g * -along.length, add);
@@ -137,10 +137,10 @@ impl<'a> Derivatives<'a> {
     /// collisions and half by that of [`Self::sample`]. `None` where it is not finite: by collisions alone.
     pub(crate) fn reach(self, along: &Segment) -> Option<f32> {
         let length = match self.extinction() {
-            Spread::Grid(grid) => {
+            ExtinctionRef::Grid(grid) => {
                 grid.clip(along.origin, along.direction, along.length).map_or(0.0, |i| i.to - i.from)
             }
-            Spread::Even(_) => along.length,
+            ExtinctionRef::Even(_) => along.length,
         };
         (length > 0.0 && length.is_finite()).then_some(length)
     }
@@ -149,12 +149,12 @@ impl<'a> Derivatives<'a> {
     /// the `share` of light of each colour.
     pub(crate) fn sample(self, along: &Segment, share: Vec3f, rng: &mut Rng) -> Option<Sample> {
         match self.extinction() {
-            Spread::Grid(grid) => {
+            ExtinctionRef::Grid(grid) => {
                 let (t, weight) =
                     grid.sample_transmittance(along.origin, along.direction, along.length, rng)?;
                 Some(Sample { t, weight: Vec3f::splat(weight) })
             }
-            Spread::Even(sigma) => {
+            ExtinctionRef::Even(sigma) => {
                 sample_evenly(sigma, along.length, share, [rng.next_f32(), rng.next_f32()])
             }
         }
@@ -174,10 +174,18 @@ impl<'a> Derivatives<'a> {
 /// A medium at a point; voxels of the grid of its extinction are looked up once.
 pub(crate) enum MediumPoint<'a> {
     Volume(&'a Medium, Taps),
-    /// A bounded medium, the point, the grid of its extinction.
-    Bounded(&'a InteriorMedium, Vec3f, &'a Medium, Taps),
-    /// A bounded medium, the point, its extinction.
-    Even(&'a InteriorMedium, Vec3f, Vec3f),
+    Bounded {
+        medium: &'a InteriorMedium,
+        p: Vec3f,
+        grid: &'a Medium,
+        taps: Taps,
+    },
+    /// A bounded medium with an extinction that is the same everywhere.
+    Even {
+        medium: &'a InteriorMedium,
+        p: Vec3f,
+        sigma: Vec3f,
+    },
 }
 
 impl MediumPoint<'_> {
@@ -185,10 +193,10 @@ impl MediumPoint<'_> {
     #[inline]
     pub(crate) fn extinction(&self) -> Vec3f {
         match self {
-            Self::Volume(grid, taps) | Self::Bounded(_, _, grid, taps) => {
+            Self::Volume(grid, taps) | Self::Bounded { grid, taps, .. } => {
                 Vec3f::splat(grid.extinction_among(taps))
             }
-            Self::Even(_, _, sigma) => *sigma,
+            Self::Even { sigma, .. } => *sigma,
         }
     }
 
@@ -197,10 +205,10 @@ impl MediumPoint<'_> {
     #[inline]
     pub(crate) fn extinction_vjp(&self, g: Vec3f, mut add: impl FnMut(usize, Vec3f)) {
         match self {
-            Self::Volume(grid, taps) | Self::Bounded(_, _, grid, taps) => {
+            Self::Volume(grid, taps) | Self::Bounded { grid, taps, .. } => {
                 grid.extinction_vjp(taps, g.sum(), |i, g| add(i, vec3(g, 0.0, 0.0)));
             }
-            Self::Even(medium, ..) => add(0, g * medium.scale),
+            Self::Even { medium, .. } => add(0, g * medium.scale),
         }
     }
 
@@ -209,7 +217,7 @@ impl MediumPoint<'_> {
     pub(crate) fn albedo(&self) -> Vec3f {
         match self {
             Self::Volume(grid, taps) => grid.albedo_among(taps),
-            Self::Bounded(medium, p, ..) | Self::Even(medium, p, _) => medium.albedo(*p),
+            Self::Bounded { medium, p, .. } | Self::Even { medium, p, .. } => medium.albedo(*p),
         }
     }
 
@@ -218,7 +226,7 @@ impl MediumPoint<'_> {
     pub(crate) fn albedo_vjp(&self, g: Vec3f, add: impl FnMut(usize, Vec3f)) {
         match self {
             Self::Volume(grid, taps) => grid.albedo_vjp(taps, g, add),
-            Self::Bounded(medium, p, ..) | Self::Even(medium, p, _) => medium.albedo.vjp(*p, g, add),
+            Self::Bounded { medium, p, .. } | Self::Even { medium, p, .. } => medium.albedo.vjp(*p, g, add),
         }
     }
 }

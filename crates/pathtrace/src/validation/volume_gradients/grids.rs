@@ -138,6 +138,8 @@ fn gradients_of_grids_have_the_same_bits_on_one_thread_and_two() {
         assert!(one == bits(&adjoint, 2), "{size:?}");
         adjoint.sum_in_pages(&parameters);
         assert!(one == bits(&adjoint, 2), "{size:?} in pages");
+        adjoint.sum_densely(&parameters);
+        assert!(one == bits(&adjoint, 2), "{size:?} densely");
         let mut other = of(&swapped);
         let turned = [one[1].clone(), one[0].clone()];
         assert!(turned[..] == bits(&other, 2), "{size:?} in the other order");
