@@ -162,19 +162,9 @@ impl<'a> Adjoint<'a> {
         Ok(Self { world, view: *view, options, layout, kernel, volumes, kept: tape::LENGTH })
     }
 
-    /// Sums all cells in pages, or none; the parameters are its own.
+    /// Sums parameters of more than `most` cells in pages, and others densely; the parameters are its own.
     #[cfg(test)]
-    pub(crate) fn sum_in_pages(&mut self, parameters: &[Parameter]) {
-        self.sum_with_most_dense(parameters, 0);
-    }
-
-    #[cfg(test)]
-    pub(crate) fn sum_densely(&mut self, parameters: &[Parameter]) {
-        self.sum_with_most_dense(parameters, usize::MAX);
-    }
-
-    #[cfg(test)]
-    fn sum_with_most_dense(&mut self, parameters: &[Parameter], most: usize) {
+    pub(crate) fn sum_densely_up_to(&mut self, most: usize, parameters: &[Parameter]) {
         let layout = Layout::with_most_dense(self.world, parameters, [most; 2]).expect("they were taken");
         self.layout = layout.with_media(self.world, parameters);
     }
