@@ -155,7 +155,8 @@ impl Context {
         })
     }
 
-    /// Writes `NAME.json`, `NAME.md`, `NAME-time.svg` and, if there is an error, `NAME-error.svg`.
+    /// Writes `NAME.json`, `NAME.md` and the plots of the suite; where it draws none, `NAME-time.svg` and, if there is an error,
+    /// `NAME-error.svg`.
     pub(crate) fn write(&self, folder: &Path) -> Result<()> {
         fs::create_dir_all(folder).with_context(|| format!("{}: cannot create", folder.display()))?;
         let save = |ending: &str, text: String| {
@@ -166,6 +167,9 @@ impl Context {
         save(".md", format!("# {}\n\n{}", self.name, self.markdown()))?;
         for (ending, svg) in &self.plots {
             save(&format!("-{ending}.svg"), svg.clone())?;
+        }
+        if !self.plots.is_empty() {
+            return Ok(());
         }
         let time = self.curves(|row| Some((row.size, 1e3 * row.timing.median)));
         save("-time.svg", plot::curves(self.about, Axis("size"), Axis("milliseconds"), &time)?)?;

@@ -9,7 +9,7 @@ use crate::threads;
 use anyhow::{Result, anyhow, bail};
 use photofit_fit::engine::not_finite_told;
 use photofit_image::Image;
-use photofit_pathtrace::{Adjoint, GradientSamples, RenderOptions, World};
+use photofit_pathtrace::{Adjoint, GradientSamples, Parameter, RenderOptions, World};
 use serde_json::{Value, json};
 use std::time::Instant;
 
@@ -143,7 +143,7 @@ fn text(key: &Key, [values, errors]: &[Vec<f64>; 2]) -> String {
     }
     let sum = |c: usize| values.iter().skip(c).step_by(channels).sum::<f64>();
     let sums: Vec<String> = (0..channels).map(|c| format!("{:.6e}", sum(c))).collect();
-    let what = if slices > 1 { "voxels" } else { "texels" };
+    let what = if matches!(key.parameter, Parameter::Medium { .. }) { "voxels" } else { "texels" };
     format!("{}  {}, sum over all {what} {}\n", key.name, size(&key.shape), sums.join("  "))
 }
 

@@ -11,7 +11,7 @@ use crate::preflight::Places;
 use crate::progress::{Terminal, say};
 use crate::simplify::CHECKPOINT_FILE;
 use crate::status::{Ending, Misuse};
-use crate::traced_report::{self_test_pictures, tell_course};
+use crate::traced_report::{self_test_pictures, tell_course, tell_doubts};
 use crate::{interrupt, threads};
 use anyhow::{Context, Result, anyhow, bail};
 use glam::DVec3;
@@ -131,6 +131,9 @@ fn task(a: &RecoverScene, mut subject: Subject, source: &Source<'_>) -> Result<T
     model.gradient_spp = a.traced.gradient_spp;
     model.smoothing = a.traced.smoothing.unwrap_or_default();
     check_resume(&model, &fit_options(a)).map_err(|e| named(&name_options(RECOVER_SCENE, e)))?;
+    if let Some(given) = &given {
+        tell_doubts("--picture", &views, given);
+    }
     let own = || self_test_pictures(&views, |v| model.picture(v, TARGET_SPP, TARGET_SEED));
     let truth = given.is_none().then(|| (0..quantities.len()).map(|k| model.of(k).to_vec()).collect());
     let targets = given.map_or_else(own, Ok).map_err(|e| named(&e))?;

@@ -6,7 +6,7 @@ use crate::output::{self, Results};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say};
 use crate::status::Ending;
-use crate::traced_report::{Found, course, first_and_best, judged, self_test_pictures, sheet, tell_course};
+use crate::traced_report::{Found, course, first_and_best, judged, self_test_pictures, sheet, tell_course, tell_doubts};
 use crate::{interrupt, memory, threads};
 use anyhow::{Context, Result, anyhow, bail};
 use glam::{DAffine3, DVec3, Vec3};
@@ -153,7 +153,9 @@ fn seen(a: &RecoverVolume) -> Result<Seen> {
             "warning: pictures have alpha below 1, which is not looked at: they must show the light behind the cloud",
         );
     }
-    let (views, pictures) = pictures.into_iter().map(|p| (p.camera.view(), p.image)).unzip();
+    let (views, pictures): (Vec<View>, Vec<Image>) =
+        pictures.into_iter().map(|p| (p.camera.view(), p.image)).unzip();
+    tell_doubts(&list.display().to_string(), &views, &pictures);
     Ok(Seen { surroundings, views, pictures, truth: None })
 }
 

@@ -8,6 +8,7 @@ use photofit_fit::engine::judge::{ReportView, view_quality};
 use photofit_fit::engine::plan::PlanRows;
 use photofit_fit::engine::traced::Traced;
 use photofit_fit::engine::trainer::HistoryPoint;
+use photofit_fit::pictures::doubts;
 use photofit_fit::recover_scene::relative_error;
 use photofit_fit::report::{RecoveryReport, TRACED_MEASURE, write_recovery_report};
 use photofit_image::{Image, contact_sheet};
@@ -49,6 +50,13 @@ pub(crate) fn self_test_pictures<E>(
     let pictures = views.iter().enumerate().map(one).collect();
     progress.finish();
     pictures
+}
+
+/// Warns of pictures that tell a fit nothing, by the file or option that brings them.
+pub(crate) fn tell_doubts(name: &str, views: &[View], pictures: &[Image]) {
+    let cameras: Vec<String> = views.iter().map(|v| format!("{v:?}")).collect();
+    let doubts = doubts(&pictures.iter().collect::<Vec<_>>(), &cameras);
+    doubts.iter().for_each(|d| say(&format!("warning: {name}: {d}")));
 }
 
 /// Errors of the first and of the best evaluation.

@@ -12,6 +12,7 @@ mod record;
 mod world;
 
 pub(crate) use posed::PosedPictures;
+pub use doubts::doubts;
 pub use posed::{FILE, named_files};
 pub use world::{lit_world_pictures, world_pictures};
 
@@ -126,7 +127,9 @@ impl PictureFolder {
 
     /// What makes the pictures useless for a fit, one line each; none for sound ones.
     pub fn doubts(&self) -> Vec<String> {
-        doubts::of(self.given.pictures())
+        let pictures = self.given.pictures();
+        let cameras: Vec<String> = pictures.iter().map(|p| format!("{:?}", p.camera)).collect();
+        doubts(&pictures.iter().map(|p| &p.image).collect::<Vec<_>>(), &cameras)
     }
 
     /// All that a fit reads of the pictures.

@@ -278,6 +278,20 @@ fn wrong_keys_and_pictures_are_refused_in_one_line() {
     assert!(!d.join("out").exists(), "nothing is written");
 }
 
+#[test]
+fn black_pictures_and_those_below_0_are_doubted() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    std::fs::write(d.join("s.xml"), scene("0.5", "4")).unwrap();
+    for (value, doubt) in [(0.0, "the picture is black"), (-1.0, "the picture is below 0")] {
+        let image = Image::from_fn(12, 8, 3, |_, _, _| value);
+        photofit_image::write_exr(d.join("p.exr"), &[("", &image, &["R", "G", "B"])]).unwrap();
+        let line = ["recover", "scene", "s.xml", "-o", "out", "--steps", "1", "--picture", "p.exr"];
+        let o = succeeds(d, &[&line[..], &WHITE].concat());
+        assert!(stderr(&o).contains(&format!("warning: --picture: {doubt}")), "{}", stderr(&o));
+    }
+}
+
 /// A ball of smoke on a grid, lit from the side, before the sky.
 fn smoke(folder: &Path) {
     let (side, mut values) = (6_usize, Vec::new());

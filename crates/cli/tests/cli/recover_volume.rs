@@ -126,6 +126,8 @@ fn pictures_with_lights_are_read_and_an_empty_box_is_found_empty() {
         ["recover", "volume", "pictures", "-o", "out", "--size", "8", "--steps", "40", "--albedo", "0.3"];
     let o = succeeds(d, &line);
     assert!(!stderr(&o).contains("warning: pictures have alpha"), "{}", stderr(&o));
+    let alike = "warning: pictures: the pictures of 4 frames are only 1 different ones";
+    assert!(stderr(&o).contains(alike), "{}", stderr(&o));
     // Half the side of the cube: 4 sin(.35). The fit starts from an optical thickness of .5.
     let f = figures(&d.join("out"));
     let half = 4.0 * 0.35_f64.sin();

@@ -1,7 +1,7 @@
-//! Pictures that tell a fit nothing: black ones, the same one for all frames, one camera for all frames.
+//! Pictures that tell a fit nothing: black ones, those below 0, the same one for all frames, one camera for all frames.
 
 use crate::engine::checkpoint::Digest;
-use crate::engine::given::GivenPicture;
+use photofit_image::Image;
 use std::collections::BTreeSet;
 
 /// Linear light below which a pixel is black: one step of 8 bits.
@@ -9,39 +9,55 @@ const BLACK: f32 = 1.0 / 255.0 / 12.92;
 /// Most frames that are listed.
 const LISTED: usize = 8;
 
-/// What is wrong with pictures as a whole, one line each.
-pub(super) fn of(photos: &[GivenPicture]) -> Vec<String> {
-    let n = photos.len();
-    let is_black = |p: &GivenPicture| p.image.data.chunks_exact(4).all(|p| p[..3].iter().all(|x| *x < BLACK));
-    let black: Vec<usize> = (0..n).filter(|i| is_black(&photos[*i])).collect();
-    let distinct = |digest: &dyn Fn(&GivenPicture) -> Digest| {
-        photos.iter().map(|p| digest(p).value()).collect::<BTreeSet<u64>>().len()
-    };
-    let pictures = distinct(&|p| {
-        let mut d = Digest::new();
-        d.add(&p.image.data);
-        d
-    });
-    let cameras = distinct(&|p| {
-        let mut d = Digest::new();
-        d.add_bytes(format!("{:?}", p.camera).as_bytes());
-        d
-    });
+/// The values of the first three channels.
+fn colours(p: &Image) -> impl Iterator<Item = f32> {
+    p.data.chunks_exact(p.channels).flat_map(|p| &p[..p.len().min(3)]).copied()
+}
+
+/// What makes pictures useless for a fit as a whole, one line each; none for sound ones.
+///
+/// `cameras` describes the camera of each picture. Colour is in the first three channels.
+pub fn doubts(pictures: &[&Image], cameras: &[String]) -> Vec<String> {
+    let n = pictures.len();
+    let negative: Vec<usize> =
+        (0..n).filter(|i| colours(pictures[*i]).map(f64::from).sum::<f64>() < 0.0).collect();
+    let black: Vec<usize> =
+        (0..n).filter(|i| !negative.contains(i) && colours(pictures[*i]).all(|x| x < BLACK)).collect();
     let mut out = Vec::new();
-    if black.len() == n {
-        out.push(format!("all {n} pictures are black, or empty: the colours will be black"));
-    } else if !black.is_empty() {
-        let more = if black.len() > LISTED { " and more" } else { "" };
-        let first = &black[..black.len().min(LISTED)];
-        out.push(format!("{} of {n} pictures are black, or empty: frames {first:?}{more}", black.len()));
-    }
+    let mut some = |which: &[usize], what: &str, all: &str| match which {
+        [] => {}
+        [_] if n == 1 => out.push(format!("the picture is {what}{all}")),
+        _ if which.len() == n => out.push(format!("all {n} pictures are {what}{all}")),
+        _ => {
+            let more = if which.len() > LISTED { " and more" } else { "" };
+            let first = &which[..which.len().min(LISTED)];
+            out.push(format!("{} of {n} pictures are {what}: frames {first:?}{more}", which.len()));
+        }
+    };
+    some(&negative, "below 0 on the whole, as light never is", "");
+    some(&black, "black, or empty", ": the colours will be black");
+    let distinct = |digests: &mut dyn Iterator<Item = Digest>| {
+        digests.map(|d| d.value()).collect::<BTreeSet<u64>>().len()
+    };
+    let of_picture = |p: &&Image| {
+        let mut d = Digest::new();
+        d.add(&p.data);
+        d
+    };
+    let different = distinct(&mut pictures.iter().map(of_picture));
+    let of_camera = |c: &String| {
+        let mut d = Digest::new();
+        d.add_bytes(c.as_bytes());
+        d
+    };
+    let seen_from = distinct(&mut cameras.iter().map(of_camera));
     let others = n - black.len();
-    if others > 1 && 2 * pictures <= others {
-        out.push(format!("the pictures of {n} frames are only {pictures} different ones"));
+    if others > 1 && 2 * different <= others {
+        out.push(format!("the pictures of {n} frames are only {different} different ones"));
     }
-    if n > 1 && 2 * cameras <= n {
+    if n > 1 && 2 * seen_from <= n {
         out.push(format!(
-            "the cameras of {n} frames are only {cameras} different ones: what they do not see stays grey"
+            "the cameras of {n} frames are only {seen_from} different ones: what they do not see is not found"
         ));
     }
     out

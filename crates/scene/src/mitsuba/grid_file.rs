@@ -36,7 +36,7 @@ pub type Grid = ([usize; 3], Vec<Vec3f>, [DVec3; 2]);
 /// Reads the bytes of a `.vol` file: float32, one or three channels, at most 2^28 voxels.
 ///
 /// # Errors
-/// What is wrong, in words: another format or encoding, missing bytes, values that are not finite or below 0.
+/// What is wrong, in words: another format or encoding, too few or too many bytes, a box or values that are not finite or below 0.
 pub fn parse_grid(bytes: &[u8]) -> Result<Grid, String> {
     let Header { size, channels, bounds, values } = Header::read(bytes, VOXELS)?;
     if !(channels == 1 || channels == 3) {
@@ -115,14 +115,18 @@ impl<'a> Header<'a> {
             return Err(format!("has {x} x {y} x {z} voxels; there must be 1 to {most}"));
         }
         let need = voxels.saturating_mul(channels).saturating_mul(4).saturating_add(HEADER as u64);
-        if (bytes.len() as u64) < need {
+        if bytes.len() as u64 != need {
             return Err(format!("has {} bytes; it must have {need}", bytes.len()));
         }
         let corner = |word: usize| DVec3::new(real(word), real(word + 1), real(word + 2));
+        let [lo, hi] = [corner(6), corner(9)];
+        if !(lo.is_finite() && hi.is_finite()) {
+            return Err(format!("its box is {lo} to {hi}; it must be finite"));
+        }
         Ok(Self {
             size: [x as usize, y as usize, z as usize],
             channels: channels as usize,
-            bounds: [corner(6), corner(9)],
+            bounds: [lo, hi],
             values: &words[HEADER / 4..need as usize / 4],
         })
     }
@@ -143,5 +147,15 @@ mod tests {
                 assert!(v_read.to_array().iter().enumerate().all(|(c, x)| *x == v[c.min(channels - 1)]));
             }
         }
+    }
+
+    #[test]
+    fn files_of_another_length_and_boxes_that_are_not_finite_are_refused() {
+        let file = |hi: f64| encode_grid([2, 1, 1], &[1.0, 2.0], [DVec3::ZERO, DVec3::new(1.0, hi, 1.0)]);
+        let rule = |bytes: &[u8]| parse_grid(bytes).unwrap_err();
+        let whole = file(1.0);
+        assert_eq!(rule(&whole[..whole.len() - 1]), "has 55 bytes; it must have 56");
+        assert_eq!(rule(&[&whole[..], &[0]].concat()), "has 57 bytes; it must have 56");
+        assert!(rule(&file(f64::NAN)).starts_with("its box is [0, 0, 0] to [1, NaN, 1]"));
     }
 }

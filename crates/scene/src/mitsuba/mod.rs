@@ -238,6 +238,7 @@ impl Importer {
         let Some(&sensor) = sensors.get(self.sensor) else {
             let rule = match sensors.len() {
                 0 => "has no sensor; it must have one".to_owned(),
+                1 => format!("has 1 sensor, which is 0; number {} is not there", self.sensor),
                 n => format!("has {n} sensors, the first is 0; number {} is not there", self.sensor),
             };
             return Err(fault("the scene", rule));
