@@ -1,19 +1,14 @@
 //! Learned importance sampling: variance times time of guided renders against multiple importance sampling alone.
 
 pub(crate) mod cost;
+mod scenes;
 
 use anyhow::Result;
-use glam::Vec3;
 use photofit_fit::guiding::{Guidance, Guiding, GuidingOptions};
 use photofit_flow::{Encoding, FlowOptions, Tensor};
-use photofit_geometry::shapes;
 use photofit_image::Image;
-use photofit_pathtrace::{EnvironmentMap, Material, Parts, RenderOptions, Renderer, Shape, View, World};
-use photofit_scalar::{Vec3f, vec3};
-use photofit_scene::Camera;
+use photofit_pathtrace::{Parts, RenderOptions, Renderer, View, World};
 use photofit_scene::mitsuba::{MitsubaOptions, load_mitsuba};
-use photofit_shading::Surface;
-use photofit_shading::bsdf::{Bsdf, Diffuse, Energy, MetallicRoughness};
 use std::path::Path;
 use std::time::Instant;
 
@@ -28,12 +23,7 @@ const SPP: u32 = 64;
 const PAIRS: usize = 3;
 
 pub(crate) fn run(ctx: &mut Context) -> Result<()> {
-    let mut cases: Vec<Case> = vec![
-        ("room lit through a gap".into(), rooms()?, inside()),
-        ("glossy room through a gap".into(), glossy_rooms()?, inside()),
-        ("softboxes".into(), outdoors(softboxes())?, above()),
-        ("small sun".into(), outdoors(sun())?, above()),
-    ];
+    let mut cases = scenes::all()?;
     match std::env::var("PHOTOFIT_SCENES") {
         Ok(folder) => {
             for file in SCENES {
@@ -45,7 +35,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     for case in &cases {
         renders(ctx, case)?;
     }
-    against_time(ctx, &cases[..2])?;
+    against_time(ctx, &cases[..4])?;
     ctx.note(format!(
         "All threads, {SIDE} x {SIDE} pixels, {SPP} samples; time \
          is that of the samples over that without a guide, the gains are once without the time of training and once with it, \
@@ -178,84 +168,4 @@ fn relative(picture: &Image, variance: &Image) -> f64 {
     let n = picture.pixels() as f64;
     let mean = picture.data.chunks_exact(4).map(|p| f64::from(p[1])).sum::<f64>() / n;
     variance.data.chunks_exact(3).map(|p| f64::from(p[1])).sum::<f64>() / n / (mean * mean)
-}
-
-fn quad(corner: Vec3f, a: Vec3f, b: Vec3f) -> Shape {
-    Shape::Mesh(shapes::parallelogram(corner, a, b))
-}
-
-fn grey(v: f32) -> Material {
-    Material::new(Bsdf::Diffuse(Diffuse { reflectance: Vec3f::splat(v) }))
-}
-
-fn metal(roughness: f32) -> Material {
-    let surface = Surface { base_color: Vec3f::splat(0.8), roughness, metallic: 1.0, gamma: 0.0 };
-    Material::new(Bsdf::MetallicRoughness(MetallicRoughness::new(&surface, Energy::Compensated)))
-}
-
-/// A closed room under an even sky that is seen through one gap in its far wall.
-fn two_rooms() -> Parts {
-    let sky = Some(EnvironmentMap::constant(Vec3f::splat(10.0)));
-    let mut parts = Parts { environment: sky, ..Parts::default() };
-    let (x, y, z) = (vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0), vec3(0.0, 0.0, 1.0));
-    let o = vec3(-1.0, 0.0, -0.5);
-    for (corner, a, b) in [
-        (o, z, x * 2.0),
-        (o + y, x * 2.0, z),
-        (o, x * 2.0, y),
-        (o + z, y, x * 2.0),
-        (o + x * 2.0, z, y),
-        // The far wall around the gap.
-        (o, y * 0.3, z),
-        (o + y * 0.7, y * 0.3, z),
-        (o + y * 0.3, y * 0.4, z * 0.3),
-        (o + y * 0.3 + z * 0.7, y * 0.4, z * 0.3),
-    ] {
-        parts.add(quad(corner, a, b), grey(0.5));
-    }
-    parts
-}
-
-fn rooms() -> Result<World> {
-    Ok(World::new(two_rooms())?)
-}
-
-fn glossy_rooms() -> Result<World> {
-    let mut parts = two_rooms();
-    parts.add(Shape::Sphere { center: vec3(0.6, 0.25, -0.1), radius: 0.25 }, metal(0.3));
-    Ok(World::new(parts)?)
-}
-
-fn inside() -> View {
-    let eye = Vec3::new(0.15, 0.5, 0.4);
-    View::pinhole(&Camera::look_at(eye, Vec3::new(0.9, 0.4, -0.3), Vec3::Y, 1.2, 1.0, 0.01, 10.0))
-}
-
-fn outdoors(sky: EnvironmentMap) -> Result<World> {
-    let mut parts = Parts { environment: Some(sky), ..Parts::default() };
-    parts.add(quad(vec3(-2.0, 0.0, -2.0), vec3(0.0, 0.0, 4.0), vec3(4.0, 0.0, 0.0)), grey(0.5));
-    parts.add(Shape::Sphere { center: vec3(-0.4, 0.4, 0.0), radius: 0.4 }, grey(0.7));
-    parts.add(Shape::Sphere { center: vec3(0.5, 0.4, 0.0), radius: 0.4 }, metal(0.4));
-    Ok(World::new(parts)?)
-}
-
-fn above() -> View {
-    View::pinhole(&Camera::look_at(
-        Vec3::new(0.0, 1.2, 2.5),
-        Vec3::new(0.0, 0.2, 0.0),
-        Vec3::Y,
-        0.8,
-        1.0,
-        0.01,
-        10.0,
-    ))
-}
-
-fn softboxes() -> EnvironmentMap {
-    let boxes = |x: usize, y: usize| (8..14).contains(&y) && (x % 24 < 5);
-    EnvironmentMap::new(Image::from_fn(64, 32, 3, |x, y, _| if boxes(x, y) { 8.0 } else { 0.2 }))
-}
-
-fn sun() -> EnvironmentMap {
-    EnvironmentMap::new(Image::from_fn(256, 128, 3, |x, y, _| if (x, y) == (60, 34) { 2e4 } else { 0.3 }))
 }

@@ -2,6 +2,7 @@
 //! records that they have not learned from.
 
 use super::mixture::{LOBES, Mixture};
+use super::parallax::{Moved, OFFSET_MAX, Parallax, Turning, center};
 use super::vmf::Lobe;
 use super::{KAPPA_FIRST, LobeLocal};
 use crate::guide::{Query, Record, SHARE};
@@ -24,6 +25,7 @@ const MEMORY: f32 = 0.5;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Leaf {
     pub(super) lobes: Mixture,
+    pub(super) parallax: Parallax,
     /// Weight of the records that made the lobes (1 on average, cut at [`WEIGHT_MAX`]), those of earlier calls for less;
     /// 0 where none has.
     pub(super) seen: f32,
@@ -43,17 +45,26 @@ impl Leaf {
     /// All directions nearly alike, asked rarely.
     pub(super) fn untrained() -> Self {
         let lobe = |k| Lobe::new(1.0 / LOBES as f32, fibonacci_sphere(k, LOBES), KAPPA_FIRST);
-        Self { lobes: Mixture::new(std::array::from_fn(lobe)), seen: 0.0, share: SHARE[0], depth: 0 }
+        Self {
+            lobes: Mixture::new(std::array::from_fn(lobe)),
+            parallax: Parallax::none(),
+            seen: 0.0,
+            share: SHARE[0],
+            depth: 0,
+        }
     }
 
     #[inline]
     pub(super) fn local(&self, at: &Query) -> LobeLocal {
         let n = if at.normal.dot(at.wo) < 0.0 { -at.normal } else { at.normal };
-        LobeLocal { lobes: self.lobes.with_cosine(n), share: self.share }
+        LobeLocal {
+            lobes: self.parallax.at(&self.lobes, at.position).lobes.with_cosine(n),
+            share: self.share,
+        }
     }
 
-    /// Learns from its useful records `own`; `unguided` if no guide had a part in their densities.
-    pub(super) fn learn(&mut self, own: &[u32], records: &[Record], unguided: bool) {
+    /// Learns from its useful records `own`, all of which lie within `extent`; `unguided` if no guide had a part in their densities.
+    pub(super) fn learn(&mut self, own: &[u32], records: &[Record], extent: f32, unguided: bool) {
         let before = *self;
         // Lobes that are scored by what they learned from look better than they are, the more so the fewer records: those
         // of earlier calls are scored, or the first ones of one half by the other.
@@ -61,23 +72,31 @@ impl Leaf {
             before.share_of(&before, own.iter(), records, unguided)
         } else {
             let mut half = before;
-            half.fit(own.iter().step_by(2), records);
+            half.fit(own.iter().step_by(2), records, extent);
             half.share_of(&before, own.iter().skip(1).step_by(2), records, unguided)
         };
-        if self.fit(own.iter(), records) {
+        if self.fit(own.iter(), records, extent) {
             self.share = share.unwrap_or(self.share);
         }
     }
 
     /// Expectation and maximisation from the present lobes, which count for the records that made them; whether there
     /// was anything to learn.
-    fn fit<'a>(&mut self, own: impl ExactSizeIterator<Item = &'a u32> + Clone, records: &[Record]) -> bool {
+    fn fit<'a>(
+        &mut self,
+        own: impl ExactSizeIterator<Item = &'a u32> + Clone,
+        records: &[Record],
+        extent: f32,
+    ) -> bool {
         let own = own.map(|i| &records[*i as usize]);
         let mean = own.clone().map(incident).sum::<f32>() / own.len() as f32;
         let usable = mean > 0.0 && mean.is_finite();
         if !usable {
             return false;
         }
+        let (center, far) = center(own.clone());
+        self.parallax.move_to(&mut self.lobes, center);
+        let before = self.parallax;
         let seen = MEMORY * self.seen;
         let known = std::array::from_fn(|k| self.lobes.lobe(k));
         let priors: [(f32, Vec3f); LOBES] = known.map(|l: Lobe| {
@@ -86,10 +105,12 @@ impl Leaf {
         });
         for _ in 0..ROUNDS {
             let (mut mass, mut sums) = (priors.map(|p| p.0), priors.map(|p| p.1));
-            let mut gathered = seen;
+            let (mut gathered, mut turning) = (seen, Turning::none());
             for r in own.clone() {
                 let weight = (incident(r) / mean).min(WEIGHT_MAX);
-                let parts = self.lobes.parts(r.wi);
+                let offset = r.query.position - center;
+                let Moved { lobes, distance } = self.parallax.at(&self.lobes, r.query.position);
+                let parts = lobes.parts(r.wi);
                 let all: f32 = parts.iter().sum();
                 if all <= 0.0 {
                     continue;
@@ -98,10 +119,19 @@ impl Leaf {
                 for k in 0..LOBES {
                     let part = weight * parts[k] / all;
                     mass[k] += part;
-                    sums[k] += r.wi * part;
+                    // The direction from the pivot of what is seen there.
+                    let place = r.wi * distance[k] + offset * self.parallax.near[k];
+                    sums[k] += place.normalize_or_zero() * part;
+                    turning.add(k, part, (r.wi, offset), self.lobes.mean(k), distance[k]);
                 }
             }
             let total = gathered + LOBES as f32 * PRIOR;
+            for k in 0..LOBES {
+                let old = (before.near[k], MEMORY * before.known[k]);
+                let [near, known] = turning.nearness(k, self.lobes.kappa[k], old, extent);
+                self.parallax.near[k] = near.min(OFFSET_MAX / far);
+                self.parallax.known[k] = known;
+            }
             let lobe = |k: usize| Lobe::of_mean(mass[k] / total, sums[k] * (1.0 / mass[k]));
             self.lobes = Mixture::new(std::array::from_fn(lobe));
             // What the next call takes for a prior is what was gathered, not the number of records.

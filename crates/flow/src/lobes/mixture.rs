@@ -1,6 +1,7 @@
 //! Eight lobes side by side: what is asked at every vertex of a path is computed for all of them at once, in loops that
 //! become vector instructions.
 
+use super::parallax::Moved;
 use super::vmf::{KAPPA, KAPPA_COSINE, Lobe, NORM_COSINE};
 use crate::elementary::exp;
 use photofit_scalar::{Vec3f, vec3};
@@ -9,7 +10,7 @@ use std::f32::consts::TAU;
 /// Lobes of a mixture.
 pub(super) const LOBES: usize = 8;
 
-type Each = [f32; LOBES];
+pub(super) type Each = [f32; LOBES];
 
 /// Length of the vector `kappa m` of a product of lobes below which it has no direction in single precision.
 const LENGTH_MIN: f32 = 1e-6;
@@ -20,12 +21,12 @@ pub(super) struct Mixture {
     /// Shares, which sum to 1.
     pub(super) weight: Each,
     mean: [Each; 3],
-    kappa: Each,
+    pub(super) kappa: Each,
     norm: Each,
 }
 
 #[inline(always)]
-fn each(f: impl Fn(usize) -> f32) -> Each {
+pub(super) fn each(f: impl Fn(usize) -> f32) -> Each {
     std::array::from_fn(f)
 }
 
@@ -41,8 +42,28 @@ impl Mixture {
 
     #[inline]
     pub(super) fn lobe(&self, k: usize) -> Lobe {
-        let mean = vec3(self.mean[0][k], self.mean[1][k], self.mean[2][k]);
-        Lobe { weight: self.weight[k], mean, kappa: self.kappa[k], norm: self.norm[k] }
+        Lobe { weight: self.weight[k], mean: self.mean(k), kappa: self.kappa[k], norm: self.norm[k] }
+    }
+
+    #[inline]
+    pub(super) fn mean(&self, k: usize) -> Vec3f {
+        vec3(self.mean[0][k], self.mean[1][k], self.mean[2][k])
+    }
+
+    /// The lobes as they are at `offset`: each looks at a place of this inverse distance (less than 1 over the length of
+    /// the offset) and spreads as the place is nearer.
+    #[inline(always)]
+    pub(super) fn moved(&self, near: &Each, offset: Vec3f) -> Moved {
+        let x = each(|k| self.mean[0][k] - near[k] * offset.x);
+        let y = each(|k| self.mean[1][k] - near[k] * offset.y);
+        let z = each(|k| self.mean[2][k] - near[k] * offset.z);
+        let squared = each(|k| x[k] * x[k] + y[k] * y[k] + z[k] * z[k]);
+        let distance = each(|k| squared[k].sqrt());
+        let one = each(|k| 1.0 / distance[k]);
+        let kappa = each(|k| (self.kappa[k] * squared[k]).clamp(KAPPA[0], KAPPA[1]));
+        let norm = norms(&kappa);
+        let mean = [x, y, z].map(|v| each(|k| v[k] * one[k]));
+        Moved { lobes: Self { weight: self.weight, mean, kappa, norm }, distance }
     }
 
     /// Density of a direction in each lobe times its weight.
@@ -72,7 +93,7 @@ impl Mixture {
         let z = each(|k| self.mean[2][k] * self.kappa[k] + n.z);
         let length = each(|k| (x[k] * x[k] + y[k] * y[k] + z[k] * z[k]).sqrt());
         let kappa = each(|k| length[k].clamp(KAPPA[0], KAPPA[1] + KAPPA_COSINE));
-        let norm = each(|k| kappa[k] / (TAU * (1.0 - exp(-2.0 * kappa[k]))));
+        let norm = norms(&kappa);
         let left = each(|k| {
             self.weight[k] * self.norm[k] * NORM_COSINE / norm[k]
                 * exp(kappa[k] - self.kappa[k] - KAPPA_COSINE)
@@ -108,6 +129,12 @@ impl Mixture {
         let (k, rest) = chosen?;
         Some(self.lobe(k).sample([rest, v]))
     }
+}
+
+/// `N(k)` of each lobe.
+#[inline(always)]
+fn norms(kappa: &Each) -> Each {
+    each(|k| kappa[k] / (TAU * (1.0 - exp(-2.0 * kappa[k]))))
 }
 
 #[inline(always)]

@@ -1,9 +1,10 @@
 //! A guide without a network: in every leaf of a spatial tree a mixture of von Mises-Fisher lobes of the radiance that
-//! arrives (Vorba et al. 2014 with the tree of Müller et al. 2017; the guides of Open PGL are of this kind), multiplied
-//! with the lobe of the cosine at the vertex.
+//! arrives (Vorba et al. 2014 with the tree of Müller et al. 2017; the guides of Open PGL are of this kind), which follow
+//! the parallax of near light (Ruppert et al. 2020), multiplied with the lobe of the cosine at the vertex.
 
 mod leaf;
 mod mixture;
+mod parallax;
 mod vmf;
 
 use crate::FlowError;
@@ -29,9 +30,9 @@ pub struct LobeOptions {
 }
 
 impl Default for LobeOptions {
-    /// Leaves of up to 100 records, 24 levels.
+    /// Leaves of up to 400 records, 24 levels.
     fn default() -> Self {
-        Self { leaf_records: 100, depth: 24, least_records: 32 }
+        Self { leaf_records: 400, depth: 24, least_records: 32 }
     }
 }
 
@@ -110,6 +111,8 @@ impl LobeGuide {
                 };
                 self.leaves[leaf as usize].depth += 1;
                 self.leaves[leaf as usize].seen *= 0.5;
+                self.leaves[leaf as usize].parallax.known =
+                    self.leaves[leaf as usize].parallax.known.map(|n| 0.5 * n);
                 let copy = self.leaves[leaf as usize];
                 let second = self.leaves.len() as u32;
                 self.leaves.push(copy);
@@ -150,6 +153,16 @@ fn plane(own: &[u32], records: &[Record], least: usize) -> Option<(u8, f32)> {
     axes.into_iter().find_map(|axis| Some((axis as u8, plane(axis)?)))
 }
 
+/// The diagonal of the box around records.
+fn extent(own: &[u32], records: &[Record]) -> f32 {
+    let start = [Vec3f::splat(f32::INFINITY), Vec3f::splat(f32::NEG_INFINITY)];
+    let [lo, hi] = own
+        .iter()
+        .map(|i| records[*i as usize].query.position)
+        .fold(start, |[lo, hi], p| [lo.min(p), hi.max(p)]);
+    (hi - lo).length()
+}
+
 impl Guide for LobeGuide {
     type Local = LobeLocal;
 
@@ -176,15 +189,17 @@ impl Guide for LobeGuide {
 
     fn learn(&mut self, records: &[Record]) -> Result<(), FlowError> {
         let unguided = !self.began;
-        let useful = (0..records.len() as u32).filter(|i| records[*i as usize].is_useful()).collect();
+        let useful: Vec<u32> =
+            (0..records.len() as u32).filter(|i| records[*i as usize].is_useful()).collect();
         let mut parts = Vec::new();
+        let extent = extent(&useful, records);
         self.settle(0, useful, records, &mut parts);
         let fitted: Vec<(usize, Leaf)> = parts
             .par_iter()
             .filter(|(_, own)| own.len() >= self.options.least_records)
             .map(|(index, own)| {
                 let mut leaf = self.leaves[*index];
-                leaf.learn(own, records, unguided);
+                leaf.learn(own, records, extent, unguided);
                 (*index, leaf)
             })
             .collect();

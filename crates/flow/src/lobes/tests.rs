@@ -26,6 +26,51 @@ fn records(n: usize, seed: u64, brightness: f32) -> Vec<Record> {
         .collect()
 }
 
+/// Above the unit cube of the records.
+const PLACE: Vec3f = vec3(0.3, 0.6, 2.0);
+
+/// A bright spot at a place, as seen from all over the unit cube.
+fn lit_by_a_place(n: usize, seed: u64, place: Vec3f) -> Vec<Record> {
+    let mut all = records(n, seed, 1.0);
+    for r in &mut all {
+        let towards = (place - r.query.position).normalize_or_zero();
+        r.incident = (100.0 * (towards.dot(r.wi) - 1.0)).exp() + 1e-3;
+        r.value = r.incident;
+    }
+    all
+}
+
+fn one_leaf(data: &[Record]) -> LobeGuide {
+    let mut guide = LobeGuide::new(LobeOptions { leaf_records: usize::MAX, ..LobeOptions::default() });
+    guide.learn(data).unwrap();
+    guide
+}
+
+#[test]
+fn lobes_follow_near_light_and_leave_far_light_where_it_is() {
+    for (distance, expected) in [(1.0, 1.0 / 1.53), (3.0, 1.0 / 4.58), (1e4, 0.0)] {
+        // From the middle of the cube always in the same direction.
+        let middle = Vec3f::splat(0.5);
+        let place = middle + (PLACE - middle) * distance;
+        let guide = one_leaf(&lit_by_a_place(40_000, 5, place));
+        let leaf = &guide.leaves[0];
+        let most = (0..LOBES).max_by(|a, b| {
+            let worth = |k: usize| leaf.lobes.lobe(k).weight * leaf.lobes.lobe(k).kappa;
+            worth(*a).total_cmp(&worth(*b))
+        });
+        let near = leaf.parallax.near[most.unwrap()];
+        assert!((near - expected).abs() < 0.1, "{distance}: {near}, expected {expected}");
+        let density = |position: Vec3f| {
+            let local = guide.local(&Query { position, ..at(0.5) });
+            guide.pdf(&local, (place - position).normalize_or_zero())
+        };
+        for position in [vec3(0.1, 0.9, 0.1), vec3(0.9, 0.1, 0.9), vec3(0.9, 0.9, 0.5)] {
+            let share = density(position) / density(middle);
+            assert!(share > 0.4, "{distance}, {position:?}: {share} of the density in the middle");
+        }
+    }
+}
+
 fn at(x: f32) -> Query {
     let normal = vec3(0.0, 0.0, 1.0);
     Query { position: vec3(x, 0.5, 0.5), normal, wo: vec3(0.6, 0.0, 0.8), roughness: 1.0 }
@@ -52,7 +97,8 @@ fn mixtures_learn_where_light_comes_from() {
 
 #[test]
 fn samples_have_the_density_that_is_stated() {
-    for guide in [LobeGuide::new(LobeOptions::default()), trained(&records(40_000, 1, 1.0))] {
+    let near = one_leaf(&lit_by_a_place(20_000, 7, PLACE));
+    for guide in [LobeGuide::new(LobeOptions::default()), trained(&records(40_000, 1, 1.0)), near] {
         let local = guide.local(&at(0.3));
         let (rows, columns, n, fine) = (16, 16, 200_000, 60);
         let mut counts = vec![0_u64; rows * columns];
@@ -168,7 +214,7 @@ fn mean_share(guide: &LobeGuide) -> f32 {
 #[test]
 fn what_lobes_learn_by_heart_does_not_raise_their_share() {
     // Even light on a matte surface: nothing is better than its own directions.
-    let mut guide = LobeGuide::new(LobeOptions::default());
+    let mut guide = LobeGuide::new(LobeOptions { leaf_records: 100, ..LobeOptions::default() });
     for round in 0..3 {
         let data = on_matte(&guide, 4000 << round, 20 + round, round == 0, |_| 1.0);
         guide.learn(&data).unwrap();
