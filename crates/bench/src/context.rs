@@ -169,6 +169,14 @@ impl Context {
             save(&format!("-{ending}.svg"), svg.clone())?;
         }
         if !self.plots.is_empty() {
+            // Those of versions that drew them would look like those of this run.
+            for ending in ["-time.svg", "-error.svg"] {
+                let drawn = self.plots.iter().any(|(own, _)| ending == format!("-{own}.svg"));
+                let path = folder.join(format!("{}{ending}", self.name));
+                if !drawn && path.exists() {
+                    fs::remove_file(&path).with_context(|| format!("{}: cannot remove", path.display()))?;
+                }
+            }
             return Ok(());
         }
         let time = self.curves(|row| Some((row.size, 1e3 * row.timing.median)));
@@ -256,5 +264,9 @@ mod tests {
         }
         let svg = fs::read_to_string(folder.join("sample-time.svg")).expect("a plot");
         assert!(svg.contains("<svg") && svg.contains("polyline"), "a curve is drawn");
+        let mut own = sample();
+        own.plot("own", "Own", [Axis("x"), Axis("y")], &[("a".into(), vec![(1.0, 2.0)])]).expect("drawn");
+        own.write(&folder).expect("written");
+        assert!(folder.join("sample-own.svg").is_file() && !folder.join("sample-time.svg").exists());
     }
 }

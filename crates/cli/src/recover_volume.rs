@@ -6,7 +6,9 @@ use crate::output::{self, Results};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say};
 use crate::status::Ending;
-use crate::traced_report::{Found, course, first_and_best, judged, self_test_pictures, sheet, tell_course, tell_doubts};
+use crate::traced_report::{
+    Found, course, first_and_best, judged, self_test_pictures, sheet, tell_course, tell_doubts,
+};
 use crate::{interrupt, memory, threads};
 use anyhow::{Context, Result, anyhow, bail};
 use glam::{DAffine3, DVec3, Vec3};

@@ -11,8 +11,8 @@ mod posed;
 mod record;
 mod world;
 
-pub(crate) use posed::PosedPictures;
 pub use doubts::doubts;
+pub(crate) use posed::PosedPictures;
 pub use posed::{FILE, named_files};
 pub use world::{lit_world_pictures, world_pictures};
 

@@ -23,19 +23,20 @@ const SPP: u32 = 64;
 const PAIRS: usize = 3;
 
 pub(crate) fn run(ctx: &mut Context) -> Result<()> {
-    let mut cases = scenes::all()?;
+    let indirect = scenes::indirect()?;
+    let mut others = scenes::open()?;
     match std::env::var("PHOTOFIT_SCENES") {
         Ok(folder) => {
             for file in SCENES {
-                cases.push(of_file(&Path::new(&folder).join(file))?);
+                others.push(of_file(&Path::new(&folder).join(file))?);
             }
         }
         Err(_) => ctx.note("PHOTOFIT_SCENES names no folder of scenes: those of files are left out."),
     }
-    for case in &cases {
+    for case in indirect.iter().chain(&others) {
         renders(ctx, case)?;
     }
-    against_time(ctx, &cases[..4])?;
+    against_time(ctx, &indirect)?;
     ctx.note(format!(
         "All threads, {SIDE} x {SIDE} pixels, {SPP} samples; time \
          is that of the samples over that without a guide, the gains are once without the time of training and once with it, \

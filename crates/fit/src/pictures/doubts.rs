@@ -35,7 +35,7 @@ pub fn doubts(pictures: &[&Image], cameras: &[String]) -> Vec<String> {
         }
     };
     some(&negative, "below 0 on the whole, as light never is", "");
-    some(&black, "black, or empty", ": the colours will be black");
+    some(&black, "black, or empty", ": nothing but darkness can be found");
     let distinct = |digests: &mut dyn Iterator<Item = Digest>| {
         digests.map(|d| d.value()).collect::<BTreeSet<u64>>().len()
     };

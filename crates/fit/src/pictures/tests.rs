@@ -281,9 +281,10 @@ fn pictures_that_tell_nothing_are_doubted() {
     let doubts = load(&dir, &file).unwrap().doubts();
     assert!(doubts[0].starts_with("all 9 pictures are black"), "{doubts:?}");
     let one = Image::from_fn(2, 1, 4, |x, _, c| if c == 3 { 1.0 } else { -1.0 + 1.5 * x as f32 });
-    assert_eq!(super::doubts(&[&one], &["one".into()]), [
-        "the picture is below 0 on the whole, as light never is"
-    ]);
+    assert_eq!(
+        super::doubts(&[&one], &["one".into()]),
+        ["the picture is below 0 on the whole, as light never is"]
+    );
 }
 
 #[test]

@@ -1,13 +1,14 @@
 //! What a leaf of the tree learns: its lobes by expectation and maximisation, and the share of directions they get by
 //! records that they have not learned from.
 
-use super::mixture::{LOBES, Mixture};
-use super::parallax::{Moved, OFFSET_MAX, Parallax, Turning, center};
+use super::mixture::{LOBES, Mixture, WIDTH};
+use super::parallax::{Moved, Parallax, Turning, center};
 use super::vmf::Lobe;
 use super::{KAPPA_FIRST, LobeLocal};
 use crate::guide::{Query, Record, SHARE};
 use photofit_sampling::fibonacci_sphere;
 use photofit_scalar::Vec3f;
+use photofit_scalar::wide::{Kernel, run_up_to};
 
 /// Rounds of expectation and maximisation of the lobes.
 const ROUNDS: usize = 4;
@@ -41,6 +42,21 @@ struct Score {
     weight: f32,
 }
 
+/// [`Leaf::local`], for one width.
+struct AtVertex<'a>(&'a Leaf, &'a Query);
+
+impl Kernel for AtVertex<'_> {
+    type Output = LobeLocal;
+
+    #[inline(always)]
+    fn run(self) -> LobeLocal {
+        let Self(leaf, at) = self;
+        let n = if at.normal.dot(at.wo) < 0.0 { -at.normal } else { at.normal };
+        let lobes = leaf.parallax.at(&leaf.lobes, at.position).lobes.with_cosine(n);
+        LobeLocal { lobes, share: leaf.share }
+    }
+}
+
 impl Leaf {
     /// All directions nearly alike, asked rarely.
     pub(super) fn untrained() -> Self {
@@ -56,14 +72,11 @@ impl Leaf {
 
     #[inline]
     pub(super) fn local(&self, at: &Query) -> LobeLocal {
-        let n = if at.normal.dot(at.wo) < 0.0 { -at.normal } else { at.normal };
-        LobeLocal {
-            lobes: self.parallax.at(&self.lobes, at.position).lobes.with_cosine(n),
-            share: self.share,
-        }
+        run_up_to(WIDTH, AtVertex(self, at))
     }
 
-    /// Learns from its useful records `own`, all of which lie within `extent`; `unguided` if no guide had a part in their densities.
+    /// Learns from its useful records `own`; `extent` is that of the records of all leaves, `unguided` says that no guide had a
+    /// part in their densities.
     pub(super) fn learn(&mut self, own: &[u32], records: &[Record], extent: f32, unguided: bool) {
         let before = *self;
         // Lobes that are scored by what they learned from look better than they are, the more so the fewer records: those
@@ -94,9 +107,9 @@ impl Leaf {
         if !usable {
             return false;
         }
-        let (center, far) = center(own.clone());
-        self.parallax.move_to(&mut self.lobes, center);
-        let before = self.parallax;
+        let pivot = center(own.clone());
+        self.parallax.move_to(&mut self.lobes, pivot);
+        let told = self.parallax.fading(MEMORY);
         let seen = MEMORY * self.seen;
         let known = std::array::from_fn(|k| self.lobes.lobe(k));
         let priors: [(f32, Vec3f); LOBES] = known.map(|l: Lobe| {
@@ -108,8 +121,8 @@ impl Leaf {
             let (mut gathered, mut turning) = (seen, Turning::none());
             for r in own.clone() {
                 let weight = (incident(r) / mean).min(WEIGHT_MAX);
-                let offset = r.query.position - center;
-                let Moved { lobes, distance } = self.parallax.at(&self.lobes, r.query.position);
+                let offset = r.query.position - pivot;
+                let Moved { lobes, distance, inverse } = self.parallax.at(&self.lobes, r.query.position);
                 let parts = lobes.parts(r.wi);
                 let all: f32 = parts.iter().sum();
                 if all <= 0.0 {
@@ -120,17 +133,15 @@ impl Leaf {
                     let part = weight * parts[k] / all;
                     mass[k] += part;
                     // The direction from the pivot of what is seen there.
-                    let place = r.wi * distance[k] + offset * self.parallax.near[k];
+                    let place = r.wi * distance[k] + offset * inverse[k];
                     sums[k] += place.normalize_or_zero() * part;
                     turning.add(k, part, (r.wi, offset), self.lobes.mean(k), distance[k]);
                 }
             }
             let total = gathered + LOBES as f32 * PRIOR;
+            // Means are those under the places of the round before; the rounds bring both together.
             for k in 0..LOBES {
-                let old = (before.near[k], MEMORY * before.known[k]);
-                let [near, known] = turning.nearness(k, self.lobes.kappa[k], old, extent);
-                self.parallax.near[k] = near.min(OFFSET_MAX / far);
-                self.parallax.known[k] = known;
+                self.parallax.learn(k, &told, turning.found(k, self.lobes.kappa[k]), extent);
             }
             let lobe = |k: usize| Lobe::of_mean(mass[k] / total, sums[k] * (1.0 / mass[k]));
             self.lobes = Mixture::new(std::array::from_fn(lobe));
@@ -199,4 +210,34 @@ fn incident(r: &Record) -> f32 {
 #[inline]
 fn worth(r: &Record) -> f32 {
     r.value / r.pdf
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use photofit_sampling::{Rng, uniform_sphere};
+    use photofit_scalar::vec3;
+    use photofit_scalar::wide::Width;
+
+    #[test]
+    fn wider_vectors_give_the_same_bits() {
+        let mut rng = Rng::new(12, 5);
+        let mut next = || rng.next_f32();
+        for _ in 0..20 {
+            let mut leaf = Leaf::untrained();
+            leaf.lobes = Mixture::new(std::array::from_fn(|_| {
+                Lobe::new(1.0 / LOBES as f32, uniform_sphere([next(), next()]), 2e3 * next() * next())
+            }));
+            leaf.parallax.inverse = std::array::from_fn(|_| next());
+            let normal = uniform_sphere([next(), next()]);
+            let at =
+                Query { position: vec3(next(), next(), 2.0 * next()), normal, wo: normal, roughness: 1.0 };
+            let of = |width| format!("{:?}", run_up_to(width, AtVertex(&leaf, &at)));
+            // Where the machine lacks a width, a narrower one answers; text of numbers is exact.
+            for width in Width::ALL {
+                assert_eq!(of(Width::Base), of(width), "{width:?}");
+            }
+            assert_eq!(of(Width::Base), format!("{:?}", leaf.local(&at)));
+        }
+    }
 }

@@ -1,9 +1,9 @@
 //! Eight lobes side by side: what is asked at every vertex of a path is computed for all of them at once, in loops that
 //! become vector instructions.
 
-use super::parallax::Moved;
 use super::vmf::{KAPPA, KAPPA_COSINE, Lobe, NORM_COSINE};
 use crate::elementary::exp;
+use photofit_scalar::wide::{Kernel, Width, run_up_to};
 use photofit_scalar::{Vec3f, vec3};
 use std::f32::consts::TAU;
 
@@ -25,9 +25,29 @@ pub(super) struct Mixture {
     norm: Each,
 }
 
+/// Eight numbers at once.
+pub(super) const WIDTH: Width = Width::Avx2;
+
+/// [`Mixture::density`], for one width.
+struct Density<'a>(&'a Mixture, Vec3f);
+
+impl Kernel for Density<'_> {
+    type Output = f32;
+
+    #[inline(always)]
+    fn run(self) -> f32 {
+        sum(&self.0.parts(self.1))
+    }
+}
+
 #[inline(always)]
 pub(super) fn each(f: impl Fn(usize) -> f32) -> Each {
-    std::array::from_fn(f)
+    let mut out = [0.0; LOBES];
+    // Not `from_fn`, which is a call where vectors are wide.
+    for (k, v) in out.iter_mut().enumerate() {
+        *v = f(k);
+    }
+    out
 }
 
 impl Mixture {
@@ -50,20 +70,20 @@ impl Mixture {
         vec3(self.mean[0][k], self.mean[1][k], self.mean[2][k])
     }
 
-    /// The lobes as they are at `offset`: each looks at a place of this inverse distance (less than 1 over the length of
-    /// the offset) and spreads as the place is nearer.
+    /// The lobes as they are at `offset`, and the distances of their places over those from here: each looks at a place of
+    /// this inverse distance (less than 1 over the length of the offset) and spreads as the place is nearer.
     #[inline(always)]
-    pub(super) fn moved(&self, near: &Each, offset: Vec3f) -> Moved {
-        let x = each(|k| self.mean[0][k] - near[k] * offset.x);
-        let y = each(|k| self.mean[1][k] - near[k] * offset.y);
-        let z = each(|k| self.mean[2][k] - near[k] * offset.z);
+    pub(super) fn moved(&self, inverse: &Each, offset: Vec3f) -> (Self, Each) {
+        let x = each(|k| self.mean[0][k] - inverse[k] * offset.x);
+        let y = each(|k| self.mean[1][k] - inverse[k] * offset.y);
+        let z = each(|k| self.mean[2][k] - inverse[k] * offset.z);
         let squared = each(|k| x[k] * x[k] + y[k] * y[k] + z[k] * z[k]);
         let distance = each(|k| squared[k].sqrt());
         let one = each(|k| 1.0 / distance[k]);
         let kappa = each(|k| (self.kappa[k] * squared[k]).clamp(KAPPA[0], KAPPA[1]));
         let norm = norms(&kappa);
         let mean = [x, y, z].map(|v| each(|k| v[k] * one[k]));
-        Moved { lobes: Self { weight: self.weight, mean, kappa, norm }, distance }
+        (Self { weight: self.weight, mean, kappa, norm }, distance)
     }
 
     /// Density of a direction in each lobe times its weight.
@@ -79,9 +99,9 @@ impl Mixture {
     }
 
     /// Density of a direction, 1/sr.
-    #[inline(always)]
+    #[inline]
     pub(super) fn density(&self, wi: Vec3f) -> f32 {
-        sum(&self.parts(wi))
+        run_up_to(WIDTH, Density(self, wi))
     }
 
     /// The mixture times the lobe of the cosine around `n`, normalised; itself where nothing is left.

@@ -11,6 +11,7 @@ use crate::FlowError;
 use crate::guide::{Guide, Query, Record};
 use leaf::Leaf;
 use mixture::Mixture;
+use parallax::extent;
 use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 
@@ -109,11 +110,11 @@ impl LobeGuide {
                     out.push((leaf as usize, own));
                     return;
                 };
-                self.leaves[leaf as usize].depth += 1;
-                self.leaves[leaf as usize].seen *= 0.5;
-                self.leaves[leaf as usize].parallax.known =
-                    self.leaves[leaf as usize].parallax.known.map(|n| 0.5 * n);
-                let copy = self.leaves[leaf as usize];
+                let own_leaf = &mut self.leaves[leaf as usize];
+                own_leaf.depth += 1;
+                own_leaf.seen *= 0.5;
+                own_leaf.parallax = own_leaf.parallax.fading(0.5);
+                let copy = *own_leaf;
                 let second = self.leaves.len() as u32;
                 self.leaves.push(copy);
                 let first = self.nodes.len() as u32;
@@ -153,16 +154,6 @@ fn plane(own: &[u32], records: &[Record], least: usize) -> Option<(u8, f32)> {
     axes.into_iter().find_map(|axis| Some((axis as u8, plane(axis)?)))
 }
 
-/// The diagonal of the box around records.
-fn extent(own: &[u32], records: &[Record]) -> f32 {
-    let start = [Vec3f::splat(f32::INFINITY), Vec3f::splat(f32::NEG_INFINITY)];
-    let [lo, hi] = own
-        .iter()
-        .map(|i| records[*i as usize].query.position)
-        .fold(start, |[lo, hi], p| [lo.min(p), hi.max(p)]);
-    (hi - lo).length()
-}
-
 impl Guide for LobeGuide {
     type Local = LobeLocal;
 
@@ -192,7 +183,7 @@ impl Guide for LobeGuide {
         let useful: Vec<u32> =
             (0..records.len() as u32).filter(|i| records[*i as usize].is_useful()).collect();
         let mut parts = Vec::new();
-        let extent = extent(&useful, records);
+        let extent = extent(useful.iter().map(|i| &records[*i as usize]));
         self.settle(0, useful, records, &mut parts);
         let fitted: Vec<(usize, Leaf)> = parts
             .par_iter()

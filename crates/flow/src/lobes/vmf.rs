@@ -78,8 +78,13 @@ impl Lobe {
 
     /// Length of the mean vector of its samples.
     pub(super) fn mean_length(&self) -> f32 {
-        1.0 / self.kappa.tanh() - 1.0 / self.kappa
+        mean_length(self.kappa)
     }
+}
+
+/// Length of the mean vector of the samples of a lobe of this concentration.
+pub(super) fn mean_length(kappa: f32) -> f32 {
+    1.0 / kappa.tanh() - 1.0 / kappa
 }
 
 #[cfg(test)]

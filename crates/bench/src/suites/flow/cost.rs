@@ -4,9 +4,9 @@ use anyhow::Result;
 use photofit_flow::network::{Hidden, Network};
 use photofit_flow::spline::{Family, Spline};
 use photofit_flow::{
-    Chart, Domain, Encoding, FlowGuide, FlowOptions, Guide, LobeGuide, LobeOptions, Query, Tensor,
+    Chart, Domain, Encoding, FlowGuide, FlowOptions, Guide, LobeGuide, LobeOptions, Query, Record, Tensor,
 };
-use photofit_sampling::Rng;
+use photofit_sampling::{Rng, uniform_sphere, uniform_sphere_pdf};
 use photofit_scalar::{Vec3f, vec3};
 
 use crate::context::Context;
@@ -37,15 +37,35 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
             guide.randomize(0.2, 1);
             whole(ctx, name, &guide);
         }
-        whole(ctx, "lobes", &LobeGuide::new(LobeOptions::default()));
+        whole(ctx, "lobes", &lobes()?);
         among_others(ctx, &FlowGuide::new(Vec3f::zero(), Vec3f::splat(1.0), plain)?);
         ctx.note(format!(
-            "One thread, {VERTICES} vertices at random places; weights of the flow are random. \"Sample\" and \"density\" include \
+            "One thread, {VERTICES} vertices at random places; weights of the flow are random, lobes learned of a near lamp. \"Sample\" and \"density\" include \
              the features of the vertex, \"at a vertex\" leaves them out. A sample or a density needs the network, a spline \
              and its use twice, the grid and the chart once."
         ));
         Ok(())
     })
+}
+
+/// Lobes that learned of a lamp near the vertices, so that they follow its parallax.
+fn lobes() -> Result<LobeGuide> {
+    let mut rng = Rng::new(3, 0);
+    let mut guide = LobeGuide::new(LobeOptions::default());
+    let records: Vec<Record> = (0..40 * VERTICES)
+        .map(|_| {
+            let mut next = || rng.next_f32();
+            let position = vec3(next(), next(), next());
+            let wi: Vec3f = uniform_sphere([next(), next()]);
+            let towards = (vec3(0.3, 0.6, 2.0) - position).normalize_or_zero();
+            let incident = (20.0 * (towards.dot(wi) - 1.0)).exp();
+            let normal = vec3(0.0, 0.0, 1.0);
+            let query = Query { position, normal, wo: normal, roughness: 1.0 };
+            Record { query, wi, pdf: uniform_sphere_pdf(), value: incident, incident }
+        })
+        .collect();
+    guide.learn(&records)?;
+    Ok(guide)
 }
 
 fn vertices() -> Vec<(Query, [f32; 2])> {

@@ -12,13 +12,19 @@ use photofit_shading::bsdf::{Bsdf, Diffuse, Energy, MetallicRoughness};
 
 use super::Case;
 
-/// All scenes that are no files.
-pub(super) fn all() -> Result<Vec<Case>> {
+/// Scenes whose light comes by ways that light sampling does not know.
+pub(super) fn indirect() -> Result<Vec<Case>> {
     Ok(vec![
         ("room lit through a gap".into(), rooms()?, inside()),
         ("glossy room through a gap".into(), glossy_rooms()?, inside()),
         ("hall under a shelf".into(), hall()?, into_the_hall()),
         ("lamp behind a door".into(), door()?, beside_the_door()),
+    ])
+}
+
+/// Scenes under a sky.
+pub(super) fn open() -> Result<Vec<Case>> {
+    Ok(vec![
         ("softboxes".into(), outdoors(softboxes())?, above()),
         ("small sun".into(), outdoors(sun())?, above()),
     ])
