@@ -42,7 +42,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
          is that of the samples over that without a guide, the gains are once without the time of training and once with it, \
          medians of {PAIRS} renders each after one without a guide. The \
          variance is that of single samples over the squared mean luminance of the picture. \"Forced\" guides and those below \
-         them stay on whether or not they pay, and are trained in five rounds. The last rows and the plot: noise of the picture against all time, training included."
+         them stay on whether or not they pay, and are trained in five rounds. The last rows and the plots: noise of the picture against all time, training included."
     ));
     Ok(())
 }
@@ -143,8 +143,8 @@ fn renders(ctx: &mut Context, case: &Case) -> Result<()> {
 
 /// Noise of the picture against all time, training included.
 fn against_time(ctx: &mut Context, cases: &[Case]) -> Result<()> {
-    let mut curves = Vec::new();
     for case in cases {
+        let mut curves = Vec::new();
         for (name, guiding) in [("off", Guiding::Off), ("lobes", Guiding::Lobes), ("flow", Guiding::Flow)] {
             let mut curve = Vec::new();
             let most = if guiding == Guiding::Flow { 256 } else { 1024 };
@@ -158,10 +158,13 @@ fn against_time(ctx: &mut Context, cases: &[Case]) -> Result<()> {
                 let figures = vec![("noise", noise), ("all seconds", all)];
                 ctx.record(&name, &format!("{spp} samples"), spp as usize, timing, figures);
             }
-            curves.push((format!("{}, {name}", case.0), curve));
+            curves.push((name.to_owned(), curve));
         }
+        let title = format!("{}: noise against time, training included", case.0);
+        let ending = case.0.replace(' ', "-");
+        ctx.plot(&ending, &title, [Axis("seconds"), Axis("noise")], &curves)?;
     }
-    ctx.plot("total", "Noise against time, training included", [Axis("seconds"), Axis("noise")], &curves)
+    Ok(())
 }
 
 /// Mean variance over the squared mean of the picture, green.
