@@ -367,7 +367,11 @@ fn work(a: &Render, renderer: &mut Renderer<'_>, keeper: &mut Keeper<'_>) -> Res
     match guidance.report() {
         Some(report) => say(&report.sentence()),
         None if guiding(a) != Guiding::Off && !terminal.is_cancelled() => {
-            say("guiding is off: the time limit leaves none for training")
+            let spent = began.elapsed().as_secs_f64();
+            say(&format!(
+                "guiding is off: training was given up after {spent:.1} s, {:.0} % of --time-limit",
+                100.0 * TRAINING_SHARE
+            ));
         }
         None => {}
     }

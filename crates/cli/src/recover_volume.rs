@@ -15,7 +15,9 @@ use glam::{DAffine3, DVec3, Vec3};
 use photofit_fit::FitError;
 use photofit_fit::engine::chain::checkpoint_files;
 use photofit_fit::pictures::{lit_world_pictures, named_files};
-use photofit_fit::recover_volume::{RecoverVolumeOptions, RecoveredVolume, Surroundings, recover_volume};
+use photofit_fit::recover_volume::{
+    RecoverVolumeOptions, RecoveredVolume, Surroundings, bounds_fault, recover_volume,
+};
 use photofit_fit::report::PAGE;
 use photofit_fit::views::views_around;
 use photofit_image::{Image, write_atomically};
@@ -166,8 +168,8 @@ fn known(a: &RecoverVolume, file: &Path, environment: Option<EnvironmentMap>) ->
     let bytes = photofit_image::file_bytes(file, MOST_BYTES)?;
     let (size, values, bounds) = parse_grid(&bytes).map_err(|rule| anyhow!("{}: {rule}", file.display()))?;
     let [lo, hi] = bounds;
-    if (hi - lo).min_element() <= 0.0 || !(hi - lo).is_finite() {
-        bail!("{}: its box is {lo} to {hi}; it must be finite and have a volume", file.display());
+    if let Some(rule) = bounds_fault(bounds) {
+        bail!("{}: corners of its box {rule}", file.display());
     }
     let extinction: Vec<f32> = values.iter().map(|v| v.x).collect();
     let sun = LightSource::Directional {

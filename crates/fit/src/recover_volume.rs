@@ -256,6 +256,25 @@ pub fn recover_volume(
     unreachable!("there is a grid")
 }
 
+/// Smallest side and largest coordinate of a box: far from them, transforms and squares of lengths leave single precision.
+const SIDE_LEAST: f64 = 1e-9;
+const COORDINATE_MOST: f64 = 1e9;
+
+/// Why a grid cannot fill a box, from corner to corner; `None` where it can.
+pub fn bounds_fault([lo, hi]: [DVec3; 2]) -> Option<String> {
+    let usable = lo.abs().max(hi.abs()).max_element() <= COORDINATE_MOST
+        && (hi - lo).min_element() >= SIDE_LEAST
+        && lo.is_finite()
+        && hi.is_finite();
+    let rule = || {
+        format!(
+            "are {lo} to {hi}; they must be finite and have a volume, with sides of {SIDE_LEAST:e} or more within \
+             {COORDINATE_MOST:e}"
+        )
+    };
+    (!usable).then(rule)
+}
+
 impl RecoverVolumeOptions {
     /// Checks the ranges of the options.
     ///
@@ -269,10 +288,8 @@ impl RecoverVolumeOptions {
                 format!("is {}; it must be {} to {}", self.size, SIZES.start(), SIZES.end()),
             );
         }
-        if let Some([lo, hi]) =
-            self.bounds.filter(|[lo, hi]| !(hi - lo).is_finite() || (hi - lo).min_element() <= 0.0)
-        {
-            return wrong("bounds", format!("are {lo} to {hi}; they must be finite and have a volume"));
+        if let Some(rule) = self.bounds.and_then(bounds_fault) {
+            return wrong("bounds", rule);
         }
         if let Some(a) = self.albedo.filter(|a| !a.iter().all(|v| (0.0..=1.0).contains(v))) {
             return wrong("albedo", format!("is {a:?}; it must be 0 to 1"));

@@ -86,7 +86,7 @@ impl GuidingReport {
         let state = match self.used {
             true => "is on",
             false if gain.is_nan() => "is off",
-            false => "switched itself off, it does not pay here",
+            false => "switched itself off, it does not pay with so many samples",
         };
         format!("guiding ({}) {state}: {why}", self.guiding.name())
     }

@@ -4,7 +4,7 @@ use crate::engine::checkpoint::Digest;
 use photofit_image::Image;
 use std::collections::BTreeSet;
 
-/// Linear light below which a pixel is black: one step of 8 bits.
+/// Linear light below which a pixel is black, over the brightest of all pictures: one step of 8 bits.
 const BLACK: f32 = 1.0 / 255.0 / 12.92;
 /// Most frames that are listed.
 const LISTED: usize = 8;
@@ -21,8 +21,9 @@ pub fn doubts(pictures: &[&Image], cameras: &[String]) -> Vec<String> {
     let n = pictures.len();
     let negative: Vec<usize> =
         (0..n).filter(|i| colours(pictures[*i]).map(f64::from).sum::<f64>() < 0.0).collect();
-    let black: Vec<usize> =
-        (0..n).filter(|i| !negative.contains(i) && colours(pictures[*i]).all(|x| x < BLACK)).collect();
+    let brightest = pictures.iter().flat_map(|p| colours(p)).fold(0.0, f32::max);
+    let is_black = |p: &Image| colours(p).all(|x| x <= BLACK * brightest.min(1.0));
+    let black: Vec<usize> = (0..n).filter(|i| !negative.contains(i) && is_black(pictures[*i])).collect();
     let mut out = Vec::new();
     let mut some = |which: &[usize], what: &str, all: &str| match which {
         [] => {}

@@ -285,6 +285,13 @@ fn pictures_that_tell_nothing_are_doubted() {
         super::doubts(&[&one], &["one".into()]),
         ["the picture is below 0 on the whole, as light never is"]
     );
+    // Dim pictures are not black, but for those that are dark beside the others.
+    let grey = |v: f32| Image::from_fn(2, 1, 4, |x, _, c| if c == 3 { 1.0 } else { v * (1.0 + x as f32) });
+    let (dim, bright) = (grey(1e-6), grey(0.5));
+    let cameras = ["one".to_owned(), "two".to_owned()];
+    assert!(super::doubts(&[&dim], &cameras[..1]).is_empty());
+    let beside = super::doubts(&[&bright, &dim], &cameras);
+    assert_eq!(beside, ["1 of 2 pictures are black, or empty: frames [1]"]);
 }
 
 #[test]
