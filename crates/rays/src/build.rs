@@ -12,6 +12,21 @@ const MAX_TRIANGLES: usize = 1 << 30;
 /// Least number of triangles that a thread takes at once.
 const CHUNK: usize = 1 << 13;
 
+/// What coordinates of single precision between these bounds are moved by: their middle, as far as no digit gets lost, else 0.
+///
+/// A middle that is not far off would round what is nearer to 0, and rays that leave a surface there by its own rounding would
+/// meet it again.
+pub(super) fn exact_center([lo, hi]: [f64; 2]) -> f64 {
+    let far = lo.abs().max(hi.abs());
+    let is_far = lo * hi > 0.0 && lo.abs().min(hi.abs()) >= 0.5 * (hi - lo);
+    if !is_far {
+        return 0.0;
+    }
+    // One unit in the last place of the largest coordinate.
+    let unit = (far.log2().floor() - 23.0).exp2();
+    (0.5 * (lo + hi) / unit).round() * unit
+}
+
 pub(super) fn build(
     positions: &[Vec3f],
     triangles: &[[u32; 3]],
@@ -21,8 +36,9 @@ pub(super) fn build(
         return Err(AccelError::TooMany { triangles: triangles.len() });
     }
     let (lo, hi) = check(positions, triangles)?;
-    let center: [f64; 3] = std::array::from_fn(|k| 0.5 * (f64::from(lo[k]) + f64::from(hi[k])));
-    let half = (0..3).map(|k| 0.5 * (f64::from(hi[k]) - f64::from(lo[k]))).fold(0.0, f64::max);
+    let range = |k: usize| [f64::from(lo[k]), f64::from(hi[k])];
+    let center: [f64; 3] = std::array::from_fn(|k| exact_center(range(k)));
+    let half = (0..3).flat_map(|k| range(k).map(|x| (x - center[k]).abs())).fold(0.0, f64::max);
     // A power of two changes no mantissa. One point alone has no size.
     let scale = if half > 0.0 { (-half.log2().ceil()).clamp(-100.0, 100.0).exp2() } else { 1.0 };
     let mut accel = Accel {

@@ -20,8 +20,8 @@
 //! - The triangle test is watertight (Woop, Benthin, Wald 2013, "Watertight Ray/Triangle Intersection", JCGT 2(1)):
 //!   a ray that crosses a closed surface at a shared edge or vertex hits at least one of the triangles there. The box
 //!   test is widened by more than the rounding of the triangle test, so that the tree never loses such a hit.
-//! - Geometry is moved to the centre of its box and scaled by a power of two to unit size, in double precision, before
-//!   anything is rounded to single: an offset of 1e6 or a scale of 1e-6 costs no accuracy beyond that of the input.
+//! - Geometry far from the origin is moved to the centre of its box, and all is scaled by a power of two to unit size, so that no digit
+//!   of a coordinate is lost: an offset of 1e6, a scale of 1e-6 or a far part costs no accuracy beyond that of the input.
 //! - Equal distances are resolved to the lower triangle index: the answer does not depend on the shape of the tree.
 
 mod binary;
@@ -118,7 +118,7 @@ pub struct Accel {
     nodes: buffer::Buffer<wide::Node>,
     /// The leaves.
     packets: buffer::Buffer<triangle::Packet>,
-    /// Centre of the geometry, subtracted from everything.
+    /// Subtracted from everything: the centre of the geometry along axes on which it is far from 0.
     center: [f64; 3],
     /// Power of two that brings the geometry to about unit size.
     scale: f64,

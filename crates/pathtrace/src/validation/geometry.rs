@@ -165,6 +165,35 @@ fn far_worlds_look_like_near_ones() {
 }
 
 #[test]
+fn far_shapes_leave_near_light_as_it_is() {
+    let scene = |far: Option<Vec3f>| {
+        let mut parts = Parts::default();
+        let mut flat = |corner: Vec3f, size: f32| {
+            let quad = shapes::parallelogram(corner, vec3(0.0, 0.0, size), vec3(size, 0.0, 0.0));
+            parts.add(Shape::Mesh(quad), Material::new(diffuse(0.5, 0.5, 0.5)));
+        };
+        flat(vec3(-2.0, 0.0, -2.0), 4.0);
+        if let Some(at) = far {
+            flat(at, 1.0);
+        }
+        let position = DVec3::new(0.3, 1.6, -0.4);
+        parts.lights.push(LightSource::Point { position, intensity: Vec3f::splat(1.0) });
+        World::new(parts).unwrap()
+    };
+    let view = {
+        let eye = Vec3::new(0.0, 1.5, 3.0);
+        View::pinhole(&Camera::look_at(eye, Vec3::ZERO, Vec3::Y, 1.0, 1.0, 0.01, 10.0))
+    };
+    let near = render(&scene(None), &view, square(16, 4)).0;
+    for far in [vec3(3.0, 511.0, 10.0), vec3(3.0, -511.0, 10.0), vec3(2e3, 3e3, -1e3)] {
+        let both = render(&scene(Some(far)), &view, square(16, 4)).0;
+        let apart = near.data.iter().zip(&both.data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        let most = near.data.iter().copied().fold(0.0, f32::max);
+        assert!(apart < 1e-4 * most, "{far:?}: {apart} of {most}");
+    }
+}
+
+#[test]
 fn thousands_of_copies_take_little_memory() {
     let mut parts = Parts::default();
     // 81920 / 8 triangles.
