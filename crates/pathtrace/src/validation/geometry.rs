@@ -6,10 +6,11 @@ use crate::{
     EnvironmentMap, Instance, LightSource, Material, Parts, PathtraceError, RenderOptions, Renderer, Shape,
     View, World, WorldOptions, WorldRay,
 };
-use glam::{DAffine3, DQuat, DVec3};
+use glam::{DAffine3, DQuat, DVec3, Vec3};
 use photofit_geometry::shapes;
 use photofit_sampling::{Rng, uniform_sphere};
 use photofit_scalar::{Vec3f, vec3};
+use photofit_scene::Camera;
 
 #[test]
 fn instances_look_like_copies() {
