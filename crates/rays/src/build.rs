@@ -12,10 +12,12 @@ const MAX_TRIANGLES: usize = 1 << 30;
 /// Least number of triangles that a thread takes at once.
 const CHUNK: usize = 1 << 13;
 
-/// What coordinates of single precision between these bounds are moved by: their middle, as far as no digit gets lost, else 0.
+/// What coordinates of single precision between these bounds are moved by: their middle if all are on one side of 0 and the
+/// nearest is at least a third of the farthest, else 0. All differences are exact then: they are multiples of the last place
+/// of the nearest one, and no longer than it.
 ///
-/// A middle that is not far off would round what is nearer to 0, and rays that leave a surface there by its own rounding would
-/// meet it again.
+/// A middle between other bounds would round what is near 0, and rays that leave a surface there by its own rounding would meet
+/// it again.
 pub(super) fn exact_center([lo, hi]: [f64; 2]) -> f64 {
     let far = lo.abs().max(hi.abs());
     let is_far = lo * hi > 0.0 && lo.abs().min(hi.abs()) >= 0.5 * (hi - lo);

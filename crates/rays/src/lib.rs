@@ -20,8 +20,9 @@
 //! - The triangle test is watertight (Woop, Benthin, Wald 2013, "Watertight Ray/Triangle Intersection", JCGT 2(1)):
 //!   a ray that crosses a closed surface at a shared edge or vertex hits at least one of the triangles there. The box
 //!   test is widened by more than the rounding of the triangle test, so that the tree never loses such a hit.
-//! - Geometry far from the origin is moved to the centre of its box, and all is scaled by a power of two to unit size, so that no digit
-//!   of a coordinate is lost: an offset of 1e6, a scale of 1e-6 or a far part costs no accuracy beyond that of the input.
+//! - Along each axis on which all of the geometry is far from 0 it is moved to the middle of its box, and all is scaled by a
+//!   power of two to unit size, so that no digit of a coordinate is lost: an offset of 1e6, a scale of 1e-6 or a far part costs
+//!   no accuracy beyond that of the coordinates.
 //! - Equal distances are resolved to the lower triangle index: the answer does not depend on the shape of the tree.
 
 mod binary;
