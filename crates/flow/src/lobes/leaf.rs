@@ -3,7 +3,7 @@
 
 use super::mixture::{LOBES, Mixture, WIDTH};
 use super::parallax::{Moved, Parallax, Turning, center};
-use super::vmf::Lobe;
+use super::vmf::{Lobe, mean_length};
 use super::{KAPPA_FIRST, LobeLocal};
 use crate::guide::{Query, Record, SHARE};
 use photofit_sampling::fibonacci_sphere;
@@ -114,7 +114,7 @@ impl Leaf {
         let known = std::array::from_fn(|k| self.lobes.lobe(k));
         let priors: [(f32, Vec3f); LOBES] = known.map(|l: Lobe| {
             let mass = seen * l.weight;
-            (PRIOR + mass, l.mean * (mass * l.mean_length()))
+            (PRIOR + mass, l.mean * (mass * mean_length(l.kappa)))
         });
         for _ in 0..ROUNDS {
             let (mut mass, mut sums) = (priors.map(|p| p.0), priors.map(|p| p.1));

@@ -11,7 +11,7 @@ use crate::FlowError;
 use crate::guide::{Guide, Query, Record};
 use leaf::Leaf;
 use mixture::Mixture;
-use parallax::extent;
+use parallax::{extent, median};
 use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 
@@ -143,13 +143,13 @@ fn plane(own: &[u32], records: &[Record], least: usize) -> Option<(u8, f32)> {
         let above = along(axis).filter(|v| *v >= at).count();
         above.min(own.len() - above) >= least
     };
-    let median = |axis: usize| {
-        let mut sorted: Vec<f32> = along(axis).collect();
-        *sorted.select_nth_unstable_by(own.len() / 2, f32::total_cmp).1
-    };
     let plane = |axis: usize| {
         let mean = moments[axis].0;
-        if fits(axis, mean) { Some(mean) } else { Some(median(axis)).filter(|at| fits(axis, *at)) }
+        if fits(axis, mean) {
+            Some(mean)
+        } else {
+            Some(median(&mut along(axis).collect::<Vec<_>>())).filter(|at| fits(axis, *at))
+        }
     };
     axes.into_iter().find_map(|axis| Some((axis as u8, plane(axis)?)))
 }

@@ -168,7 +168,8 @@ pub(super) fn extent<'a>(own: impl Iterator<Item = &'a Record> + Clone) -> f32 {
     4.0 * [0, 1, 2].map(|axis| along(axis).powi(2)).iter().sum::<f32>().sqrt()
 }
 
-fn median(values: &mut [f32]) -> f32 {
+/// The upper median; 0 of nothing.
+pub(super) fn median(values: &mut [f32]) -> f32 {
     if values.is_empty() {
         return 0.0;
     }

@@ -75,11 +75,6 @@ impl Lobe {
         let mean = if r > 1e-6 { mean.normalize_or_zero() } else { vec3(0.0, 0.0, 1.0) };
         Self::new(weight, mean, kappa)
     }
-
-    /// Length of the mean vector of its samples.
-    pub(super) fn mean_length(&self) -> f32 {
-        mean_length(self.kappa)
-    }
 }
 
 /// Length of the mean vector of the samples of a lobe of this concentration.
@@ -117,7 +112,7 @@ mod tests {
                 }
                 sum * (1.0 / n as f32)
             });
-            assert!((fit.mean_length() - lobe.mean_length()).abs() < 0.02, "{kappa}");
+            assert!((mean_length(fit.kappa) - mean_length(lobe.kappa)).abs() < 0.02, "{kappa}");
             assert!((fit.kappa / kappa - 1.0).abs() < 0.1 || kappa < 0.2, "{kappa}: {}", fit.kappa);
         }
     }

@@ -320,7 +320,7 @@ fn plans_of_assets_say_what_comes_and_what_was() {
     let path = dir.path().join("a.glb");
     let fitted = assets().iter().filter(|case| check(case, &path)).count();
     // Which of these short fits beat their starts hangs on last digits.
-    assert!(fitted >= 3, "{fitted} fits looked better than their starts");
+    assert!(fitted >= 4, "{fitted} fits looked better than their starts");
 }
 
 #[test]
