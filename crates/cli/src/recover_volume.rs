@@ -171,6 +171,13 @@ fn known(a: &RecoverVolume, file: &Path, environment: Option<EnvironmentMap>) ->
     if let Some(rule) = bounds_fault(bounds) {
         bail!("{}: corners of its box {rule}", file.display());
     }
+    if let Some(i) = values.iter().position(|v| v.x != v.y || v.x != v.z) {
+        let v = values[i].to_array();
+        bail!(
+            "{}: voxel {i} holds {v:?}; the extinction of a self-test must be the same in all channels",
+            file.display()
+        );
+    }
     let extinction: Vec<f32> = values.iter().map(|v| v.x).collect();
     let sun = LightSource::Directional {
         direction: Vec3f::from_array(Vec3::new(0.3, 1.0, 0.4).normalize().to_array()),

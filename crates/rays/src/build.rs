@@ -18,7 +18,14 @@ const CHUNK: usize = 1 << 13;
 ///
 /// A middle between other bounds would round what is near 0, and rays that leave a surface there by its own rounding would meet
 /// it again.
-pub(super) fn exact_center([lo, hi]: [f64; 2]) -> f64 {
+///
+/// ```
+/// use photofit_rays::exact_center;
+///
+/// assert_eq!(exact_center([1e6, 1e6 + 1.0]), 1e6 + 0.5);
+/// assert_eq!(exact_center([-1.0, 1e6]), 0.0);
+/// ```
+pub fn exact_center([lo, hi]: [f64; 2]) -> f64 {
     let far = lo.abs().max(hi.abs());
     let is_far = lo * hi > 0.0 && lo.abs().min(hi.abs()) >= 0.5 * (hi - lo);
     if !is_far {

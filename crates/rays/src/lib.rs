@@ -45,6 +45,7 @@ mod tests;
 use photofit_scalar::Vec3f;
 
 pub use boxes::{BoxRay, BoxTree, FrameRay};
+pub use build::exact_center;
 pub use distance_grid::{DistanceGrid, DistanceGridError, DistanceHit};
 pub use nearest::NearestPoint;
 pub use traverse::Ray;

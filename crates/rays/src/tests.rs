@@ -193,25 +193,38 @@ fn closed_meshes_do_not_leak() {
 }
 
 #[test]
-fn offset_and_scaled_meshes_do_not_leak() {
+fn offset_and_scaled_meshes_do_not_leak_alone_or_beside_far_parts() {
     let mut random = Random(4);
-    for (scale, offset) in [(1.0, 1e6), (4000.0, 1e6), (1e-6, 0.0), (1e15, 0.0), (1e-30, 0.0)] {
-        let (positions, triangles) = bumpy_sphere(16);
+    let cases = [
+        (1.0, 1e6, None),
+        (4000.0, 1e6, None),
+        (1e-6, 0.0, None),
+        (1e15, 0.0, None),
+        (1e-30, 0.0, None),
+        (1.0, 0.0, Some(vec3(3.0, 511.3, 10.0))),
+        (1e-3, 0.0, Some(vec3(-40.0, 3e3, 1e3))),
+        (1.0, 50.0, Some(vec3(-1e4, 3e4, 2e4))),
+    ];
+    for (scale, offset, far) in cases {
+        let (positions, mut triangles) = bumpy_sphere(16);
         let shift = vec3(offset, -offset, 0.5 * offset);
-        let moved: Vec<Vec3f> = positions.iter().map(|&p| p * scale + shift).collect();
+        let mut moved: Vec<Vec3f> = positions.iter().map(|&p| p * scale + shift).collect();
+        let vertices = moved.len();
+        if let Some(far) = far {
+            moved.extend([far, far + vec3(1.0, 0.0, 0.0), far + vec3(0.0, 0.0, 1.0)]);
+            triangles.push([vertices, vertices + 1, vertices + 2].map(|i| i as u32));
+        }
         let accel = Accel::build(&moved, &triangles).unwrap();
         for _ in 0..1 << 15 {
             // Aim in the rounded coordinates themselves, exactly at a vertex.
             let d = random.point(1.0).normalize_or_zero();
             let start = shift + random.point(0.3 * scale);
-            let vertex = moved[random.below(moved.len())] - start;
-            assert!(accel.occluded(&Ray::new(start, d)), "scale {scale}, offset {offset}: {start:?} {d:?}");
+            let vertex = moved[random.below(vertices)] - start;
+            let case = format!("scale {scale}, offset {offset}, far part at {far:?}: {start:?}");
+            assert!(accel.occluded(&Ray::new(start, d)), "{case} {d:?}");
             // Directions of 1e-31 are outside of the accepted range: bring them to unit length.
             let aim = (vertex.cast::<f64>() * (1.0 / f64::from(scale))).cast();
-            assert!(
-                accel.occluded(&Ray::new(start, aim)),
-                "scale {scale}, offset {offset}: {start:?} {aim:?}"
-            );
+            assert!(accel.occluded(&Ray::new(start, aim)), "{case} {aim:?}");
         }
     }
 }
@@ -244,7 +257,7 @@ fn what_coordinates_are_moved_by_loses_no_digit() {
         for sign in [1.0, -1.0] {
             let mut bounds = [f64::from(sign * near), f64::from(sign * far)];
             bounds.sort_by(f64::total_cmp);
-            let center = crate::build::exact_center(bounds);
+            let center = crate::exact_center(bounds);
             moved += u32::from(center != 0.0);
             let is_far = f64::from(near) >= 0.5 * (f64::from(far) - f64::from(near));
             assert_eq!(center != 0.0, is_far, "{near} {far}: {center}");

@@ -126,7 +126,7 @@ fn pictures_with_lights_are_read_and_an_empty_box_is_found_empty() {
         ["recover", "volume", "pictures", "-o", "out", "--size", "8", "--steps", "40", "--albedo", "0.3"];
     let o = succeeds(d, &line);
     assert!(!stderr(&o).contains("warning: pictures have alpha"), "{}", stderr(&o));
-    let alike = "warning: pictures: the pictures of 4 frames are only 1 different ones";
+    let alike = "warning: pictures: 4 frames have only 1 distinct picture";
     assert!(stderr(&o).contains(alike), "{}", stderr(&o));
     // Half the side of the cube: 4 sin(.35). The fit starts from an optical thickness of .5.
     let f = figures(&d.join("out"));
@@ -153,6 +153,9 @@ fn what_cannot_be_used_is_refused() {
     let whole = std::fs::read(d.join("ball.vol")).unwrap();
     std::fs::write(d.join("cut.vol"), &whole[..100]).unwrap();
     assert_one_error(&run("cut.vol"), "a cut file", &["cut.vol", "has 100 bytes"]);
+    let coloured = encode_grid([1; 3], &[1.0, 2.0, 3.0], [glam::DVec3::ZERO, glam::DVec3::ONE]);
+    std::fs::write(d.join("coloured.vol"), coloured).unwrap();
+    assert_one_error(&run("coloured.vol"), "colours", &["coloured.vol: voxel 0 holds [1.0, 2.0, 3.0]"]);
     for more in [&[][..], &["--self-test", "ball.vol", "--bounds", "1,2,3"]] {
         let o = photofit(d, &[&["recover", "volume", "-o", "out"], more].concat());
         assert_eq!(o.status.code(), Some(2), "{}", stderr(&o));

@@ -54,12 +54,16 @@ pub fn doubts(pictures: &[&Image], cameras: &[String]) -> Vec<String> {
     let seen_from = distinct(&mut cameras.iter().map(of_camera));
     let others = n - black.len();
     if others > 1 && 2 * different <= others {
-        out.push(format!("the pictures of {n} frames are only {different} different ones"));
+        out.push(format!("{n} frames have only {}", distinct_ones(different, "picture")));
     }
     if n > 1 && 2 * seen_from <= n {
-        out.push(format!(
-            "the cameras of {n} frames are only {seen_from} different ones: what they do not see is not found"
-        ));
+        let cameras = distinct_ones(seen_from, "camera");
+        out.push(format!("{n} frames have only {cameras}: what they do not see is not found"));
     }
     out
+}
+
+/// "1 distinct picture", "2 distinct pictures".
+fn distinct_ones(n: usize, what: &str) -> String {
+    format!("{n} distinct {what}{}", if n == 1 { "" } else { "s" })
 }

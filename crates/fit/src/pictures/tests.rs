@@ -268,13 +268,13 @@ fn pictures_that_tell_nothing_are_doubted() {
     for k in 0..9 {
         file["frames"][k]["file_path"] = json!("images/5");
     }
-    assert_eq!(load(&dir, &file).unwrap().doubts(), ["the pictures of 9 frames are only 1 different ones"]);
+    assert_eq!(load(&dir, &file).unwrap().doubts(), ["9 frames have only 1 distinct picture"]);
     let (dir, mut file) = folder();
     for k in 1..9 {
         file["frames"][k]["transform_matrix"] = file["frames"][0]["transform_matrix"].clone();
     }
     let doubts = load(&dir, &file).unwrap().doubts();
-    assert!(doubts[1].starts_with("the cameras of 9 frames are only 1 different ones"), "{doubts:?}");
+    assert!(doubts[1].starts_with("9 frames have only 1 distinct camera"), "{doubts:?}");
     for k in 0..9 {
         file["frames"][k]["file_path"] = json!("images/0");
     }

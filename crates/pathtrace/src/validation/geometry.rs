@@ -69,10 +69,14 @@ fn mirrored_and_sheared_instances_keep_their_sides() {
     }
 }
 
-/// Leaks of `rays` rays from inside a closed mesh, through worlds with and without instancing.
-fn leaks(rays: u64, mesh: &photofit_geometry::Mesh, offset: DVec3, merge: bool) -> u64 {
+/// Leaks of `rays` rays from inside a closed mesh, through worlds with and without instancing, beside a far part if one is given.
+fn leaks(rays: u64, mesh: &photofit_geometry::Mesh, offset: DVec3, merge: bool, far: Option<Vec3f>) -> u64 {
     let mut parts = Parts::default();
     parts.add(Shape::Mesh(mesh.clone()), Material::new(diffuse(0.5, 0.5, 0.5)));
+    if let Some(at) = far {
+        let quad = shapes::parallelogram(at, vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0));
+        parts.add(Shape::Mesh(quad), Material::new(diffuse(0.5, 0.5, 0.5)));
+    }
     let in_place = offset == DVec3::ZERO || merge;
     if !in_place {
         parts.instances[0].transform = DAffine3::from_translation(offset);
@@ -130,8 +134,14 @@ fn check_leaks(rays: u64) {
                 if offset != DVec3::ZERO && merge && name != "cube" {
                     continue;
                 }
-                let lost = leaks(rays, &mesh, offset, merge);
+                let lost = leaks(rays, &mesh, offset, merge, None);
                 assert_eq!(lost, 0, "{name} at {offset}, merged {merge}: rays lost of {rays}");
+            }
+        }
+        for far in [vec3(3.0, 511.3, 10.0), vec3(1e4, -3e4, 2e4)] {
+            for merge in [true, false] {
+                let lost = leaks(rays, &mesh, DVec3::ZERO, merge, Some(far));
+                assert_eq!(lost, 0, "{name} beside {far:?}, merged {merge}: rays lost of {rays}");
             }
         }
     }

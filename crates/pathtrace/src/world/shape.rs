@@ -6,7 +6,7 @@ use crate::PathtraceError;
 use crate::error::invalid;
 use glam::DVec3;
 use photofit_geometry::Mesh;
-use photofit_rays::{AccelError, DistanceGrid, MAX_COORDINATE};
+use photofit_rays::{AccelError, DistanceGrid, MAX_COORDINATE, exact_center};
 use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 
@@ -147,20 +147,16 @@ fn bounds(mesh: &Mesh) -> Result<[DVec3; 2], AccelError> {
     Ok([lo, hi])
 }
 
-/// The middle of a box that lies far off, else the origin.
+/// What the coordinates of a box that lies far off are moved by, without loss of a digit ([`exact_center`]); else the origin.
 ///
-/// Far off, all coordinates share their exponent: differences to a middle with as many digits are exact, so that
-/// shapes that touch go on touching. Near the origin nothing would be gained.
+/// Near the origin nothing would be gained, and shapes that touch would be moved by centres of their own.
 pub(crate) fn far_center([lo, hi]: [DVec3; 2]) -> DVec3 {
     let size = (hi - lo).max_element();
-    let middle = 0.5 * (lo + hi);
     let far = lo.abs().max(hi.abs()).max_element();
     if !(size >= 0.0 && far > FAR * size && far.is_finite()) {
         return DVec3::ZERO;
     }
-    // One unit in the last place of the largest coordinate.
-    let unit = (far.log2().floor() - 23.0).exp2();
-    (middle / unit).round() * unit
+    DVec3::from_array(std::array::from_fn(|k| exact_center([lo[k], hi[k]])))
 }
 
 #[cfg(test)]
@@ -180,5 +176,8 @@ mod tests {
         for (p, q) in positions.iter().zip(&moved.positions) {
             assert_eq!(f64::from(q.x) + stored.center.x, f64::from(p.x), "exact");
         }
+        // Far along one axis alone: the digits of coordinates around 0 along another stay.
+        let across = [DVec3::new(1e6, -1e-3, 0.2), DVec3::new(1e6 + 1.0, 1.3, 0.9)];
+        assert_eq!(far_center(across), DVec3::new(1e6 + 0.5, 0.0, 0.0));
     }
 }

@@ -44,14 +44,13 @@ pub fn parse_grid(bytes: &[u8]) -> Result<Grid, String> {
     }
     let number = |b: &[u8; 4]| f32::from_le_bytes(*b);
     let voxel = |(i, v): (usize, &[[u8; 4]])| {
-        let v = match v {
+        if let Some(v) = v.iter().map(number).find(|v| !(v.is_finite() && *v >= 0.0)) {
+            return Err(format!("voxel {i} holds {v}; its values must be finite and not negative"));
+        }
+        Ok(match v {
             [x, y, z] => vec3(number(x), number(y), number(z)),
             other => Vec3f::splat(other.first().map_or(0.0, number)),
-        };
-        if v.is_finite() && v.x >= 0.0 && v.y >= 0.0 && v.z >= 0.0 {
-            return Ok(v);
-        }
-        Err(format!("the values of voxel {i} are {:?}; they must be finite and not negative", v.to_array()))
+        })
     };
     let values: Result<_, _> = values.chunks_exact(channels).enumerate().map(voxel).collect();
     Ok((size, values?, bounds))
@@ -114,6 +113,9 @@ impl<'a> Header<'a> {
             let [x, y, z] = sides;
             return Err(format!("has {x} x {y} x {z} voxels; there must be 1 to {most}"));
         }
+        if channels == 0 {
+            return Err(format!("there are {} channels; there must be 1 or more", int(5)));
+        }
         let need = voxels.saturating_mul(channels).saturating_mul(4).saturating_add(HEADER as u64);
         if bytes.len() as u64 != need {
             return Err(format!("has {} bytes; it must have {need}", bytes.len()));
@@ -157,5 +159,10 @@ mod tests {
         assert_eq!(rule(&whole[..whole.len() - 1]), "has 55 bytes; it must have 56");
         assert_eq!(rule(&[&whole[..], &[0]].concat()), "has 57 bytes; it must have 56");
         assert!(rule(&file(f64::NAN)).starts_with("its box is [0, 0, 0] to [1, NaN, 1]"));
+        let mut none = whole.clone();
+        none[20..24].copy_from_slice(&(-1_i32).to_le_bytes());
+        assert_eq!(rule(&none), "there are -1 channels; there must be 1 or more");
+        let below = encode_grid([2, 1, 1], &[1.0, -2.0], [DVec3::ZERO, DVec3::ONE]);
+        assert_eq!(rule(&below), "voxel 1 holds -2; its values must be finite and not negative");
     }
 }

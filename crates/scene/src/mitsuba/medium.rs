@@ -172,7 +172,9 @@ impl Importer {
         if own_box {
             let extent = hi - lo;
             if !(extent.min_element() > 0.0 && extent.is_finite()) {
-                return Err(fault(place, "the box of the grid is flat; it must have an extent"));
+                let rule =
+                    format!("the box of the grid is {lo} to {hi}; it must have an extent along each axis");
+                return Err(fault(format!("{place}: {}", path.display()), rule));
             }
             to_unit = DAffine3::from_scale(1.0 / extent) * DAffine3::from_translation(-lo) * to_unit;
         }
