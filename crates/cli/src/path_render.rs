@@ -59,27 +59,26 @@ pub(crate) fn run(a: &Render, places: &Places) -> Result<Ending> {
 pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, view: &View, key: &str) -> Result<Ending> {
     let began = Instant::now();
     let state = state_file(&a.output);
-    // A guide changes the paths: a state belongs to renders with the same one.
-    let key = &match guiding(a) {
-        Guiding::Off => key.to_owned(),
-        guide => format!("{key}|guiding {}", guide.name()),
-    };
     if a.path.explain && guiding(a) == Guiding::Off {
         print(&format!("path tracing\n{}", renderer.plan()))?;
         output::name_suite(SUITE)?;
     }
-    let mut keeper = Keeper { file: &state, key, refusal: String::new(), kept: false };
+    let mut keeper = Keeper { file: &state, key: None, scene: key, refusal: String::new(), kept: false };
+    let mut earlier = None;
     if a.path.resume {
-        keeper.kept = resume(&mut renderer, &state, key)?;
+        let trainings = trainings(a, &renderer);
+        let keys: Vec<String> = trainings.iter().map(|t| keeper.key_of(a, t.as_ref())).collect();
+        earlier = resume(&mut renderer, &state, &keys)?.map(|i| trainings[i]);
+        keeper.kept = earlier.is_some();
     } else if let Some(kept) = photofit_image::set_aside(&state)? {
         say(&format!("an earlier render was not finished; its state is kept as {}", kept.display()));
     }
     interrupt::handle();
     let (finished, guidance) = match a.threads {
-        None => work(a, &mut renderer, &mut keeper)?,
+        None => work(a, &mut renderer, &mut keeper, earlier)?,
         Some(n) => {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(n)).build()?;
-            pool.install(|| work(a, &mut renderer, &mut keeper))?
+            pool.install(|| work(a, &mut renderer, &mut keeper, earlier))?
         }
     };
     if renderer.progress().samples == 0 {
@@ -118,6 +117,25 @@ fn guiding(a: &Render) -> Guiding {
     a.path.guiding.unwrap_or_default().into()
 }
 
+/// How a guide is trained for this render, if it is not one that goes on.
+fn training(a: &Render, renderer: &Renderer<'_>) -> GuidingOptions {
+    let own = match a.path.noise.is_some() && a.path.time_limit.is_none() {
+        // Nobody knows how many samples it takes.
+        true => GuidingOptions::new(guiding(a)),
+        false => GuidingOptions::for_picture(guiding(a), renderer.options()),
+    };
+    let limit = a.path.time_limit.map(|limit| limit.mul_f64(TRAINING_SHARE));
+    GuidingOptions { limit, least_gain: a.path.least_gain.map_or(own.least_gain, f64::from), ..own }
+}
+
+/// How a guide may have been trained for a state of this render; `None`: not at all, or it was given up.
+fn trainings(a: &Render, renderer: &Renderer<'_>) -> Vec<Option<GuidingOptions>> {
+    let own = training(a, renderer);
+    let rounds = (own.guiding != Guiding::Off).then_some(GuidingOptions::ROUNDS);
+    let trained = rounds.into_iter().flatten().map(|rounds| Some(own.with_rounds(rounds)));
+    std::iter::once(None).chain(trained).collect()
+}
+
 impl From<RenderGuiding> for Guiding {
     fn from(given: RenderGuiding) -> Self {
         match given {
@@ -148,6 +166,7 @@ fn figures(
             "gain": finite(r.gain),
             "variance_ratio": finite(r.variance_ratio),
             "work_ratio": finite(r.work_ratio),
+            "rounds": r.rounds,
             "paths": r.paths,
             "records": r.records,
         })
@@ -155,7 +174,7 @@ fn figures(
     json!({
         "guiding": guiding(a).name(),
         "guide": guide,
-        "training_seconds": guidance.report().map_or(0.0, |r| r.seconds),
+        "training_seconds": guidance.seconds(),
         "samples": progress.samples,
         "variance": variance.is_finite().then_some(variance),
         "input": a.input.display().to_string(),
@@ -301,27 +320,41 @@ pub(crate) fn state_file(output: &Path) -> PathBuf {
     output.with_file_name(name)
 }
 
-/// Goes on from a state, if there is one; whether there is.
-fn resume(renderer: &mut Renderer<'_>, state: &Path, key: &str) -> Result<bool> {
+/// Goes on from a state, if there is one; which of the keys is its own.
+fn resume(renderer: &mut Renderer<'_>, state: &Path, keys: &[String]) -> Result<Option<usize>> {
     if !state.try_exists().with_context(|| state.display().to_string())? {
         say(&format!("{}: no saved state, the render begins anew", state.display()));
-        return Ok(false);
+        return Ok(None);
     }
     // One of this picture has as many bytes as it has now; that of another one is read, so that what differs is told.
-    let most = (renderer.save(key).len() as u64).max(OTHER_STATE);
+    let most = (renderer.save("").len() as u64).max(OTHER_STATE);
     let bytes = photofit_image::file_bytes(state, most)?;
-    renderer.resume(key, &bytes).map_err(|e| anyhow!("{}: {e}", state.display()))?;
+    let mut refusal = None;
+    let fits = |key: &String| match renderer.resume(key, &bytes) {
+        Ok(()) => true,
+        Err(e) => {
+            refusal.get_or_insert(e);
+            false
+        }
+    };
+    let found = keys.iter().position(fits);
+    if let (None, Some(e)) = (found, refusal) {
+        bail!("{}: {e}", state.display());
+    }
     let progress = renderer.progress();
     let share = 100.0 * progress.samples as f64 / progress.total.max(1) as f64;
     say(&format!("resuming at {share:.1}% of {}", output::counted(progress.total as usize, "sample")));
-    Ok(true)
+    Ok(found)
 }
 
 /// The state of a render on its way to a file. A disk that refuses it does not end the render: the user is told, and the
 /// next one is tried.
 struct Keeper<'a> {
     file: &'a Path,
-    key: &'a str,
+    /// What the scene is called.
+    scene: &'a str,
+    /// Names the scene and how the guide was trained, once that is known.
+    key: Option<String>,
     /// Why the last state is not there, as it was told; empty when it is.
     refusal: String,
     /// Whether the file holds a state that this render can go on from.
@@ -329,8 +362,19 @@ struct Keeper<'a> {
 }
 
 impl Keeper<'_> {
+    /// A guide changes the paths: a state belongs to renders whose guide is trained in the same way.
+    fn key_of(&self, a: &Render, training: Option<&GuidingOptions>) -> String {
+        match (guiding(a), training) {
+            (Guiding::Off, _) => self.scene.to_owned(),
+            (guide, None) => format!("{}|guiding {}: given up", self.scene, guide.name()),
+            (_, Some(training)) => format!("{}|{training:?}", self.scene),
+        }
+    }
+
     fn save(&mut self, terminal: &Terminal, renderer: &Renderer<'_>) {
-        let refusal = match photofit_image::write_atomically(self.file, &renderer.save(self.key)) {
+        // Before the first sample there is nothing to keep, and after a stop while a guide learned nothing new.
+        let Some(key) = self.key.as_deref().filter(|_| renderer.progress().samples > 0) else { return };
+        let refusal = match photofit_image::write_atomically(self.file, &renderer.save(key)) {
             Ok(()) => {
                 (self.kept, self.refusal) = (true, String::new());
                 return;
@@ -346,7 +390,8 @@ impl Keeper<'_> {
     /// What can be done with an unfinished render.
     fn told(&self) -> &'static str {
         match (self.refusal.is_empty(), self.kept && self.file.is_file()) {
-            (true, _) => "--resume goes on",
+            (true, true) => "--resume goes on",
+            (true, false) => "there is nothing yet that --resume could go on from",
             (false, true) => "the state could not be saved; --resume goes on from the last one that could be",
             (false, false) => "the state could not be saved; --resume cannot go on",
         }
@@ -354,27 +399,39 @@ impl Keeper<'_> {
 }
 
 /// Trains a guide if one is wanted, and renders until nothing is left to do, time is over or Ctrl-C; whether all is done.
-fn work(a: &Render, renderer: &mut Renderer<'_>, keeper: &mut Keeper<'_>) -> Result<(bool, Guidance)> {
+///
+/// A render that goes on trains as the `earlier` one did, or not at all if that had no guide.
+fn work(
+    a: &Render,
+    renderer: &mut Renderer<'_>,
+    keeper: &mut Keeper<'_>,
+    earlier: Option<Option<GuidingOptions>>,
+) -> Result<(bool, Guidance)> {
     let terminal = Terminal::new();
     let began = Instant::now();
-    let patience = a.path.time_limit.map(|limit| limit.mul_f64(TRAINING_SHARE));
-    let tired = || terminal.is_cancelled() || patience.is_some_and(|p| began.elapsed() >= p);
-    let options = match a.path.is_open() {
-        true => GuidingOptions::new(guiding(a)),
-        false => GuidingOptions::for_picture(guiding(a), renderer.options()),
+    let options = earlier.unwrap_or_else(|| Some(training(a, renderer)));
+    let guidance = match &options {
+        Some(options) => Guidance::train(renderer, options, || terminal.is_cancelled())?,
+        None => Guidance::off(),
     };
-    let guidance = Guidance::train(renderer, &options, tired)?;
     match guidance.report() {
         Some(report) => say(&report.sentence()),
-        None if guiding(a) != Guiding::Off && !terminal.is_cancelled() => {
-            let spent = began.elapsed().as_secs_f64();
-            say(&format!(
-                "guiding is off: training was given up after {spent:.1} s, {:.0} % of --time-limit",
-                100.0 * TRAINING_SHARE
-            ));
+        None if guiding(a) == Guiding::Off => {}
+        None if terminal.is_cancelled() => {
+            terminal.finish();
+            say("stopped while the guide learned; --resume begins that anew");
+            return Ok((false, guidance));
         }
-        None => {}
+        None if options.is_none() => say("guiding is off, as it was before"),
+        None => say(&format!(
+            "guiding is off: training was given up after {:.1} s, {:.0} % of --time-limit",
+            guidance.seconds(),
+            100.0 * TRAINING_SHARE
+        )),
     }
+    let trained = guidance.report().map(|r| r.rounds);
+    let trained = options.zip(trained).map(|(options, rounds)| options.with_rounds(rounds));
+    keeper.key = Some(keeper.key_of(a, trained.as_ref()));
     if a.path.explain && guiding(a) != Guiding::Off {
         if guidance.report().is_some() {
             print(&format!("paths that a guide learns from\n{}", renderer.sampled_plan()))?;

@@ -14,7 +14,7 @@ const CHUNK: usize = 1 << 13;
 
 /// What coordinates of single precision between these bounds are moved by: their middle if all are on one side of 0 and the
 /// nearest is at least a third of the farthest, else 0. All differences are exact then: they are multiples of the last place
-/// of the nearest one, and no longer than it.
+/// of the nearest one, and at most 2^24 of them. Bounds are in order, and not subnormal; those that are not finite give 0.
 ///
 /// A middle between other bounds would round what is near 0, and rays that leave a surface there by its own rounding would meet
 /// it again.

@@ -221,7 +221,8 @@ pub(crate) struct RecoverVolume {
     /// file.
     #[arg(value_name = "PICTURES", required_unless_present = "self_test")]
     pub(crate) pictures: Option<PathBuf>,
-    /// Try it on a known cloud: the extinction of this grid with --albedo, or one of .8, .6, .4, seen from around.
+    /// Try it on a known cloud: the extinction of this grid, which must be the same in all channels, with --albedo, or one of .8, .6,
+    /// .4, seen from around.
     #[arg(long, value_name = "GRID.vol", conflicts_with = "pictures", value_parser = ending(&["vol"]))]
     pub(crate) self_test: Option<PathBuf>,
     /// Pictures of --self-test [range: 1 to 256].

@@ -88,6 +88,59 @@ fn the_plan_of_guided_paths_tells_what_they_run() {
 }
 
 #[test]
+fn a_guided_render_with_a_limit_goes_on_to_the_same_bits() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 8, true);
+    let figures = |name: &str| -> serde_json::Value {
+        serde_json::from_slice(&std::fs::read(d.join(name)).unwrap()).unwrap()
+    };
+    let line = |output, more: &[&'static str]| {
+        let forced = ["--guiding", "lobes", "--least-gain", "0"];
+        succeeds(d, &[&SMALL[..], &["-o", output], &forced, more].concat())
+    };
+    // Of a million samples a pixel, some are made.
+    line("a.exr", &["--spp", "1000000", "--time-limit", "3", "--json", "a.json"]);
+    let made = figures("a.json");
+    assert_eq!((&made["finished"], &made["guide"]["used"]), (&false.into(), &true.into()), "{made}");
+    let rounds = made["guide"]["rounds"].as_u64().unwrap();
+    assert!((3..=7).contains(&rounds) && made["training_seconds"].as_f64().unwrap() < 0.9, "{made}");
+    // From there on with a limit that leaves time for all rounds and without one, a few samples more.
+    let more = (made["spp"].as_f64().unwrap() + 16.0).ceil().to_string();
+    let more: &'static str = more.leak();
+    for name in ["b", "c"] {
+        std::fs::copy(d.join("a.exr.state"), d.join(format!("{name}.exr.state"))).unwrap();
+    }
+    line("b.exr", &["--spp", more, "--resume", "--json", "b.json", "--time-limit", "1000"]);
+    line("c.exr", &["--spp", more, "--resume", "--json", "c.json", "--threads", "1"]);
+    for name in ["b.json", "c.json"] {
+        assert_eq!(figures(name)["guide"]["rounds"], rounds, "{name}");
+        assert_eq!(figures(name)["finished"], true, "{name}");
+    }
+    assert!(std::fs::read(d.join("b.exr")).unwrap() == std::fs::read(d.join("c.exr")).unwrap());
+    // One whose training was given up has no guide later, either.
+    for limit in ["0.2", "0.1", "0.05", "0.02", "0.01"] {
+        let forced = ["-o", "d.exr", "--guiding", "lobes", "--least-gain", "0", "--json", "d.json"];
+        let more = ["--spp", "1000000", "--time-limit", limit];
+        let made = photofit(d, &[&SMALL[..], &forced, &more].concat()).status.success();
+        if made && figures("d.json")["guide"].is_null() {
+            assert!(figures("d.json")["training_seconds"].as_f64().unwrap() > 0.0);
+            let o = line("d.exr", &["--spp", "1", "--resume"]);
+            assert!(stderr(&o).contains("guiding is off, as it was before"), "{}", stderr(&o));
+            break;
+        }
+    }
+    // Another gain is another guide.
+    line("e.exr", &["--spp", "1000000", "--time-limit", "1"]);
+    let other = ["-o", "e.exr", "--guiding", "lobes", "--resume"];
+    assert_one_error(
+        &photofit(d, &[&SMALL[..], &other].concat()),
+        "other",
+        &["another scene, light or guide"],
+    );
+}
+
+#[test]
 fn noise_and_time_end_a_render() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();

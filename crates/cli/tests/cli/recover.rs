@@ -80,7 +80,7 @@ fn rendered_pictures_are_recovered_and_useless_ones_are_told() {
     std::fs::write(d.join("pictures/transforms.json"), file.to_string()).unwrap();
     let o = run(&["--steps", "1", "--loss", "ssim", "--report", "s"]);
     assert_page(&d.join("s"), &["ssim is asked for"]);
-    assert!(stderr(&o).contains("warning: the pictures of 12 frames are only 1 different"), "{}", stderr(&o));
+    assert!(stderr(&o).contains("warning: 12 frames have only 1 distinct picture"), "{}", stderr(&o));
 }
 
 #[test]

@@ -2,16 +2,19 @@
 //! the picture is rendered with it or without.
 //!
 //! Training is a function of the scene, the options and the seed: it has a fixed number of paths, none of which is in the
-//! picture, and reads no clock. A render that goes on later trains again, to the same bits.
+//! picture, and reads no clock unless it is given a limit of time. That leaves out rounds, and the report tells how many there
+//! were ([`GuidingReport::rounds`]). A render that goes on later trains again with as many, to the same bits.
 //!
 //! Rounds of training double in length; each walks paths with what the rounds before it learned. Whether the guide pays is
 //! judged by variance times work on paths of their own, where work is counted in path vertices, weighted by the costs of
 //! [`Guiding::cost`], so that the decision does not depend on the machine.
 
+mod clock;
 mod pilot;
 mod report;
 
 use crate::FitError;
+use clock::Clock;
 use photofit_flow::{FlowGuide, FlowOptions, Guide, Guided, LobeGuide, LobeOptions, Record};
 use photofit_image::Image;
 use photofit_pathtrace::{
@@ -22,7 +25,8 @@ use photofit_sampling::ScatteringSampler;
 use photofit_scalar::Vec3f;
 use pilot::{Pilot, Trial};
 pub use report::GuidingReport;
-use std::time::Instant;
+use std::ops::RangeInclusive;
+use std::time::{Duration, Instant};
 
 /// Tells the seeds of training and pilot run from that of the picture.
 const SEED: u64 = 0x6_u64.rotate_left(56) ^ 0x9a1d;
@@ -74,8 +78,11 @@ pub struct GuidingOptions {
     pub guiding: Guiding,
     /// Largest side of the pictures that are trained on, pixels.
     pub side: usize,
-    /// Rounds of training; round `r` walks `2^r` paths a pixel.
+    /// Most rounds of training; round `r` walks `2^r` paths a pixel.
     pub rounds: u32,
+    /// Most time of training and pilot run: what takes longer is given up. A round after the third is walked where it and the
+    /// pilot run are expected to end in half of it, judged by the round before. `None`: no clock is read.
+    pub limit: Option<Duration>,
     /// Paths a pixel of the pilot run, with the guide and without.
     pub pilot: u32,
     /// Least gain (variance times work without the guide over that with it) for which the guide is used; 0 uses it always.
@@ -95,6 +102,7 @@ impl GuidingOptions {
             guiding,
             side: 96,
             rounds: 5,
+            limit: None,
             pilot: 16,
             least_gain: 1.15,
             records: 1 << 18,
@@ -105,6 +113,14 @@ impl GuidingOptions {
 }
 
 impl GuidingOptions {
+    /// Rounds that [`Self::for_picture`] and a limit of time choose among.
+    pub const ROUNDS: RangeInclusive<u32> = 3..=7;
+
+    /// So many rounds, whatever time they take, and the pilot run that belongs to them: 8 paths a pixel, from five rounds on 16.
+    pub fn with_rounds(self, rounds: u32) -> Self {
+        Self { rounds, limit: None, pilot: pilot_of(rounds), ..self }
+    }
+
     /// As [`Self::new`] for a picture of known samples: training walks at most a tenth as many paths as the picture, in
     /// 3 to 7 rounds, where a tenth is enough for three. The pilot run walks 8 paths a pixel with the guide and 8 without
     /// it, from 5 rounds on 16.
@@ -119,15 +135,20 @@ impl GuidingOptions {
         let scale = (own.side as f64 / width.max(height)).min(1.0);
         let share = f64::from(options.spp) / (TRAINING * scale * scale);
         // Rounds up to r walk 2^r - 1 paths a pixel.
-        let rounds = (share + 1.0).log2().clamp(3.0, 7.0) as u32;
-        let pilot = (1 << (rounds - 1)).clamp(8, 16);
+        let [least, most] = [*Self::ROUNDS.start(), *Self::ROUNDS.end()].map(f64::from);
+        let rounds = (share + 1.0).log2().clamp(least, most) as u32;
         let learned = width * height * f64::from(options.spp) / (LEARNING * f64::from(rounds));
         let records = match guiding {
             Guiding::Flow => (learned as usize).clamp(1 << 10, own.records),
             Guiding::Off | Guiding::Lobes => own.records,
         };
-        Self { rounds, pilot, records, ..own }
+        Self { records, ..own.with_rounds(rounds) }
     }
+}
+
+/// Paths a pixel of the pilot run after so many rounds, with the guide and without.
+fn pilot_of(rounds: u32) -> u32 {
+    if rounds < 5 { 8 } else { 16 }
 }
 
 /// A guide that has learned.
@@ -142,6 +163,7 @@ enum Trained {
 pub struct Guidance {
     trained: Option<Trained>,
     report: Option<GuidingReport>,
+    seconds: f64,
 }
 
 impl Guidance {
@@ -152,7 +174,8 @@ impl Guidance {
 
     /// Trains and judges a guide for the render that `renderer` begins; its film stays as it is.
     ///
-    /// `stop` is asked before every picture of training and of the pilot run; once it says true, there is no guide.
+    /// `stop` is asked before every picture of training and of the pilot run; once it says true, or the time of
+    /// [`GuidingOptions::limit`] is over, there is no guide and no report.
     ///
     /// # Errors
     /// [`FitError::PathTrace`] and [`FitError::Guide`] for options that do not work.
@@ -177,7 +200,9 @@ impl Guidance {
         let Some(one) = renderers.first().filter(|_| options.guiding != Guiding::Off) else {
             return Ok(Self::off());
         };
-        let began = Instant::now();
+        let mut clock = Clock::new(options.limit);
+        let began = clock.began;
+        let given_up = || Self { seconds: began.elapsed().as_secs_f64(), ..Self::off() };
         let mut paths = 0;
         let stage = |round: u64| -> Result<Vec<Renderer<'_>>, FitError> {
             renderers.iter().map(|r| small_view(r, options, round)).collect()
@@ -186,7 +211,7 @@ impl Guidance {
         let all = |stage: &[Renderer<'_>], run: &dyn Fn(&Renderer<'_>) -> Trial| -> Option<Trial> {
             let mut trial = Trial::default();
             for (k, renderer) in stage.iter().enumerate() {
-                if stop() {
+                if stop() || options.limit.is_some_and(|l| began.elapsed() >= l) {
                     return None;
                 }
                 trial = if k == 0 { run(renderer) } else { trial.beside(run(renderer)) };
@@ -194,7 +219,7 @@ impl Guidance {
             Some(trial)
         };
         let first = all(&stage(0)?, &|r| Pilot::new(r, 0, 1).run(&ScatteringSampler));
-        let Some(first) = first else { return Ok(Self::off()) };
+        let Some(first) = first else { return Ok(given_up()) };
         paths += first.paths;
         let (lo, hi) = first.bounds();
         let mut state = match options.guiding {
@@ -207,15 +232,20 @@ impl Guidance {
             }
         };
         let mut records = state.learn(first, options.records)?;
-        for round in 1..options.rounds {
-            let trial = all(&stage(u64::from(round))?, &|r| state.run(&Pilot::new(r, 0, 1 << round)));
-            let Some(trial) = trial else { return Ok(Self::off()) };
+        let mut rounds = 1;
+        while rounds < options.rounds && clock.allows(rounds) {
+            let round = Instant::now();
+            let trial = all(&stage(u64::from(rounds))?, &|r| state.run(&Pilot::new(r, 0, 1 << rounds)));
+            let Some(trial) = trial else { return Ok(given_up()) };
             paths += trial.paths;
             records += state.learn(trial, options.records)?;
+            clock.last = round.elapsed();
+            rounds += 1;
         }
         // Both trials take the same numbers where their paths agree, and none of training.
-        let stage = stage(u64::from(options.rounds))?;
-        let most = options.pilot.max(2);
+        let stage = stage(u64::from(rounds))?;
+        let pilot = if rounds < options.rounds { options.pilot.min(pilot_of(rounds)) } else { options.pilot };
+        let most = pilot.max(2);
         let look = if options.least_gain > 0.0 { (most / LOOK).max(2) } else { most };
         let (mut plain, mut guided) = (Trial::default(), Trial::default());
         let mut judged = None;
@@ -225,25 +255,32 @@ impl Guidance {
                 break;
             }
             let one = all(&stage, &|r| part(r, first, count).run(&ScatteringSampler));
-            let Some(one) = one else { return Ok(Self::off()) };
+            let Some(one) = one else { return Ok(given_up()) };
             plain = plain.then(one, first, count);
             let one = all(&stage, &|r| state.run(&part(r, first, count)));
-            let Some(one) = one else { return Ok(Self::off()) };
+            let Some(one) = one else { return Ok(given_up()) };
             guided = guided.then(one, first, count);
             let half = first + count < most;
             judged = Some(GuidingReport { half, ..GuidingReport::judge(&plain, &guided, options) });
         }
         let report = judged.map(|judged| GuidingReport {
+            rounds,
             paths: paths + plain.paths + guided.paths,
             records,
             seconds: began.elapsed().as_secs_f64(),
             ..judged
         });
         let used = report.as_ref().is_some_and(|r| r.used);
-        Ok(Self { trained: used.then_some(state), report })
+        let seconds = began.elapsed().as_secs_f64();
+        Ok(Self { trained: used.then_some(state), report, seconds })
     }
 
-    /// What training came to; `None` without a guide.
+    /// Seconds of training and pilot run, also where they were given up (by the clock: for reports alone).
+    pub fn seconds(&self) -> f64 {
+        self.seconds
+    }
+
+    /// What training came to; `None` where no guide was wanted, or training was given up.
     pub fn report(&self) -> Option<&GuidingReport> {
         self.report.as_ref()
     }

@@ -24,6 +24,8 @@ pub struct GuidingReport {
     pub work_ratio: f64,
     /// Whether gain and ratios are from half of the pilot run, where the guide clearly lost, and not from all of it.
     pub half: bool,
+    /// Rounds of training.
+    pub rounds: u32,
     /// Paths of training and pilot run.
     pub paths: u64,
     /// Records learned from.
@@ -57,6 +59,7 @@ impl GuidingReport {
             variance_ratio,
             work_ratio,
             half: false,
+            rounds: 0,
             paths: 0,
             records: 0,
             seconds: 0.0,

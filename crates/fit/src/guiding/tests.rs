@@ -287,6 +287,7 @@ fn a_guide_that_loses_walks_less_than_an_eighth_of_the_paths() {
         let look = u64::from(stage.pilot / LOOK);
         let side = stage.side as u64;
         assert_eq!(report.paths, ((1 << stage.rounds) - 1 + 2 * look) * side * side, "{}", report.sentence());
+        assert_eq!(report.rounds, stage.rounds);
     }
 }
 
@@ -315,6 +316,35 @@ fn training_stops_where_it_is_told_to() {
         assert_eq!(guidance.report().is_some(), after == 4, "stopped at question {after}");
         assert_eq!(asked.get(), (after + 1).min(4), "questions");
     }
+}
+
+#[test]
+fn a_limit_of_time_leaves_out_rounds_or_the_guide() {
+    let world = rooms();
+    let trained = |stage: &GuidingOptions| {
+        let renderer = Renderer::new(&world, &inside(), options(32, 4, 1)).unwrap();
+        Guidance::train(&renderer, stage, || false).unwrap()
+    };
+    let picture = |guidance: &Guidance| rendered(&world, guidance, 1, 4).picture().data;
+    let stage = GuidingOptions { rounds: 20, ..small(Guiding::Lobes) };
+    // A million paths a pixel do not fit, eight rounds of no more than 255 do, and whoever knows how many there were has the
+    // same guide without a clock.
+    let limited = trained(&GuidingOptions { limit: Some(Duration::from_secs(4)), ..stage });
+    let rounds = limited.report().expect("time for three rounds").rounds;
+    assert!((3..20).contains(&rounds), "{rounds}");
+    assert!(limited.seconds() < 4.0 && limited.seconds() >= limited.report().unwrap().seconds);
+    let again = trained(&stage.with_rounds(rounds.min(9)));
+    let few = trained(&GuidingOptions { limit: Some(Duration::from_secs(1 << 20)), ..stage.with_rounds(4) });
+    assert_eq!([again.report().unwrap().rounds, few.report().unwrap().rounds], [rounds.min(9), 4]);
+    assert!(
+        picture(&few) == picture(&trained(&stage.with_rounds(4))),
+        "a limit that is not met changes nothing"
+    );
+    if rounds < 10 {
+        assert!(picture(&again) == picture(&limited), "{rounds} rounds: other bits");
+    }
+    let none = trained(&GuidingOptions { limit: Some(Duration::ZERO), ..stage });
+    assert!(none.report().is_none() && !none.is_on() && none.seconds() > 0.0);
 }
 
 #[test]

@@ -2,8 +2,8 @@
 //!
 //! - A shape's hierarchy is built once, however often it is placed; shapes placed once share one hierarchy, so that
 //!   most assets are traversed on one level.
-//! - Light is carried in the *render frame*: the world moved so that its middle is near the origin, in double precision
-//!   and only where the world lies far off. An offset of 1e6 costs no accuracy.
+//! - Light is carried in the *render frame*: a world farther off than 16 times its size is moved, in double precision and
+//!   along the axes it is far off on. An offset of 1e6 costs a world of up to 1e4 no accuracy.
 
 mod adjoint;
 mod edit;

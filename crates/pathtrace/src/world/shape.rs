@@ -149,7 +149,8 @@ fn bounds(mesh: &Mesh) -> Result<[DVec3; 2], AccelError> {
 
 /// What the coordinates of a box that lies far off are moved by, without loss of a digit ([`exact_center`]); else the origin.
 ///
-/// Near the origin nothing would be gained, and shapes that touch would be moved by centres of their own.
+/// Nearer than [`FAR`] times the size little would be gained, and shapes that touch, each moved by a centre of its own, would touch
+/// to the last place alone where they are rotated.
 pub(crate) fn far_center([lo, hi]: [DVec3; 2]) -> DVec3 {
     let size = (hi - lo).max_element();
     let far = lo.abs().max(hi.abs()).max_element();
@@ -174,7 +175,8 @@ mod tests {
         let Kind::Mesh(moved) = &stored.kind else { panic!("a mesh") };
         assert!(moved.positions.iter().all(|p| p.x.abs() < 1.0), "{:?}", moved.positions);
         for (p, q) in positions.iter().zip(&moved.positions) {
-            assert_eq!(f64::from(q.x) + stored.center.x, f64::from(p.x), "exact");
+            let back = DVec3::new(f64::from(q.x), f64::from(q.y), f64::from(q.z)) + stored.center;
+            assert_eq!(back.as_vec3().to_array(), p.to_array(), "exact");
         }
         // Far along one axis alone: the digits of coordinates around 0 along another stay.
         let across = [DVec3::new(1e6, -1e-3, 0.2), DVec3::new(1e6 + 1.0, 1.3, 0.9)];

@@ -38,14 +38,15 @@ pub type Grid = ([usize; 3], Vec<Vec3f>, [DVec3; 2]);
 /// # Errors
 /// What is wrong, in words: another format or encoding, too few or too many bytes, a box or values that are not finite or below 0.
 pub fn parse_grid(bytes: &[u8]) -> Result<Grid, String> {
-    let Header { size, channels, bounds, values } = Header::read(bytes, VOXELS)?;
-    if !(channels == 1 || channels == 3) {
-        return Err(format!("there are {channels} channels; there must be 1 or 3"));
-    }
+    let Header { size, channels, bounds, values } = Header::read(bytes, VOXELS, &[1, 3])?;
     let number = |b: &[u8; 4]| f32::from_le_bytes(*b);
     let voxel = |(i, v): (usize, &[[u8; 4]])| {
-        if let Some(v) = v.iter().map(number).find(|v| !(v.is_finite() && *v >= 0.0)) {
-            return Err(format!("voxel {i} holds {v}; its values must be finite and not negative"));
+        if let Some(c) = v.iter().position(|v| !(number(v).is_finite() && number(v) >= 0.0)) {
+            let channel = if channels > 1 { format!(" in channel {c}") } else { String::new() };
+            let value = number(&v[c]);
+            return Err(format!(
+                "voxel {i} holds {value}{channel}; its values must be finite and not negative"
+            ));
         }
         Ok(match v {
             [x, y, z] => vec3(number(x), number(y), number(z)),
@@ -59,10 +60,7 @@ pub fn parse_grid(bytes: &[u8]) -> Result<Grid, String> {
 /// Samples along x, y and z (each 2 or more, at most 2^27 together) and signed distances, x fastest, of a `.vol` file of one
 /// channel: finite, some below 0 and some not.
 pub(super) fn parse_distances(bytes: &[u8]) -> Result<([usize; 3], Vec<f32>), String> {
-    let Header { size, channels, values, .. } = Header::read(bytes, DISTANCES)?;
-    if channels != 1 {
-        return Err(format!("there are {channels} channels; an sdfgrid must have 1"));
-    }
+    let Header { size, values, .. } = Header::read(bytes, DISTANCES, &[1])?;
     if size.iter().any(|n| *n < 2) {
         let [x, y, z] = size;
         return Err(format!("the grid has {x} x {y} x {z} samples; it must have 2 or more along each side"));
@@ -88,7 +86,8 @@ struct Header<'a> {
 }
 
 impl<'a> Header<'a> {
-    fn read(bytes: &'a [u8], most: u64) -> Result<Self, String> {
+    /// At most so many voxels, of one of these counts of channels.
+    fn read(bytes: &'a [u8], most: u64, counts: &[u64]) -> Result<Self, String> {
         if bytes.is_empty() {
             return Err("is empty".into());
         }
@@ -113,8 +112,9 @@ impl<'a> Header<'a> {
             let [x, y, z] = sides;
             return Err(format!("has {x} x {y} x {z} voxels; there must be 1 to {most}"));
         }
-        if channels == 0 {
-            return Err(format!("there are {} channels; there must be 1 or more", int(5)));
+        if !counts.contains(&channels) {
+            let known: Vec<String> = counts.iter().map(u64::to_string).collect();
+            return Err(format!("there are {} channels; there must be {}", int(5), known.join(" or ")));
         }
         let need = voxels.saturating_mul(channels).saturating_mul(4).saturating_add(HEADER as u64);
         if bytes.len() as u64 != need {
@@ -161,8 +161,10 @@ mod tests {
         assert!(rule(&file(f64::NAN)).starts_with("its box is [0, 0, 0] to [1, NaN, 1]"));
         let mut none = whole.clone();
         none[20..24].copy_from_slice(&(-1_i32).to_le_bytes());
-        assert_eq!(rule(&none), "there are -1 channels; there must be 1 or more");
+        assert_eq!(rule(&none), "there are -1 channels; there must be 1 or 3");
         let below = encode_grid([2, 1, 1], &[1.0, -2.0], [DVec3::ZERO, DVec3::ONE]);
         assert_eq!(rule(&below), "voxel 1 holds -2; its values must be finite and not negative");
+        let blue = encode_grid([1, 1, 1], &[1.0, 2.0, f32::NAN], [DVec3::ZERO, DVec3::ONE]);
+        assert_eq!(rule(&blue), "voxel 0 holds NaN in channel 2; its values must be finite and not negative");
     }
 }

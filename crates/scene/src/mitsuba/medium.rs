@@ -171,9 +171,10 @@ impl Importer {
         let mut to_unit = to_world.inverse();
         if own_box {
             let extent = hi - lo;
-            if !(extent.min_element() > 0.0 && extent.is_finite()) {
-                let rule =
-                    format!("the box of the grid is {lo} to {hi}; it must have an extent along each axis");
+            if extent.min_element() <= 0.0 {
+                let rule = format!(
+                    "the box of the grid goes from {lo} to {hi}; the second corner must lie above the first along each axis"
+                );
                 return Err(fault(format!("{place}: {}", path.display()), rule));
             }
             to_unit = DAffine3::from_scale(1.0 / extent) * DAffine3::from_translation(-lo) * to_unit;

@@ -308,12 +308,13 @@ fn volumes_are_bounded() {
         bytes.extend(values.iter().flat_map(|x| x.to_le_bytes()));
         bytes
     };
-    let load = |bytes: &[u8]| {
+    let load_as = |main: &str, bytes: &[u8]| {
         let folder = tempfile::tempdir().unwrap();
-        fs::write(folder.path().join("s.xml"), &main).unwrap();
+        fs::write(folder.path().join("s.xml"), main).unwrap();
         fs::write(folder.path().join("v.vol"), bytes).unwrap();
         load_mitsuba(folder.path().join("s.xml"), &MitsubaOptions::default()).map_err(|e| e.to_string())
     };
+    let load = |bytes: &[u8]| load_as(&main, bytes);
     let good = load(&grid([2, 1, 1], 1, &[0.5, 1.5])).unwrap();
     assert_eq!((good.media[0].extinction.values[1].x, good.instances[0].interior), (1.5, Some(0)));
     for (bytes, part) in [
@@ -324,11 +325,24 @@ fn volumes_are_bounded() {
         (grid([2, 2, 2], 1, &[0.0]), "bytes"),
         (grid([-1, 1, 1], 1, &[0.0]), "voxels"),
         (grid([1, 1, 1], 1, &[f32::NAN]), "finite"),
-        (grid([1, 1, 1], 2, &[0.0, 0.0]), "channels"),
+        (grid([1, 1, 1], 2, &[0.0, 0.0]), "there are 2 channels; there must be 1 or 3"),
     ] {
         let text = load(&bytes).unwrap_err();
         assert!(text.contains(part) && text.contains("v.vol"), "{part} in {text}");
     }
+    // A box of its own must have its corners in order.
+    let own = main.replace(
+        "<string name='filename'",
+        "<boolean name='use_grid_bbox' value='true'/><string name='filename'",
+    );
+    let mut turned = grid([1, 1, 1], 1, &[0.5]);
+    assert!(load_as(&own, &turned).is_ok());
+    turned[36..40].copy_from_slice(&(-1.0_f32).to_le_bytes());
+    let text = load_as(&own, &turned).unwrap_err();
+    assert!(
+        text.contains("v.vol") && text.contains("goes from [0, 0, 0] to [-1, 1, 1]; the second"),
+        "{text}"
+    );
 }
 
 #[test]

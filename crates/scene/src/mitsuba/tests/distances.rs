@@ -50,7 +50,7 @@ fn bad_grids_name_the_file_what_is_and_what_must_be() {
     };
     let side = |bytes: &mut Vec<u8>| bytes[8..12].copy_from_slice(&(1_i32 << 30).to_le_bytes());
     for (text, part) in [
-        (fails("", [2, 2, 1], &VALUES, &none), "there are 3 channels; an sdfgrid must have 1"),
+        (fails("", [2, 2, 1], &VALUES, &none), "there are 3 channels; there must be 1"),
         (fails("", [12, 1, 1], &VALUES, &none), "12 x 1 x 1 samples; it must have 2 or more"),
         (fails("", [3, 2, 2], &with(7, f32::NAN), &none), "value 7 is NaN; it must be finite"),
         (fails("", [3, 2, 2], &with(4, f32::INFINITY), &none), "value 4 is inf; it must be finite"),
