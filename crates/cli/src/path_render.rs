@@ -125,15 +125,24 @@ fn training(a: &Render, renderer: &Renderer<'_>) -> GuidingOptions {
         false => GuidingOptions::for_picture(guiding(a), renderer.options()),
     };
     let limit = a.path.time_limit.map(|limit| limit.mul_f64(TRAINING_SHARE));
-    GuidingOptions { limit, least_gain: a.path.least_gain.map_or(own.least_gain, f64::from), ..own }
+    GuidingOptions { limit, least_gain: a.path.least_gain.unwrap_or(own.least_gain), ..own }
 }
 
-/// How a guide may have been trained for a state of this render; `None`: not at all, or it was given up.
+/// How a guide may have been trained for a state of this render, which other samples and limits may have ended; `None`: not at
+/// all, or it was given up.
 fn trainings(a: &Render, renderer: &Renderer<'_>) -> Vec<Option<GuidingOptions>> {
     let own = training(a, renderer);
-    let rounds = (own.guiding != Guiding::Off).then_some(GuidingOptions::ROUNDS);
-    let trained = rounds.into_iter().flatten().map(|rounds| Some(own.with_rounds(rounds)));
-    std::iter::once(None).chain(trained).collect()
+    if own.guiding == Guiding::Off {
+        return vec![None];
+    }
+    let open = RenderOptions { spp: SPP_MAX, ..renderer.options().clone() };
+    let open = GuidingOptions::for_picture(own.guiding, &open).records;
+    let mut records = vec![own.records, open, GuidingOptions::new(own.guiding).records];
+    records.dedup();
+    let trained = records.into_iter().flat_map(|records| {
+        GuidingOptions::ROUNDS.map(move |rounds| GuidingOptions { records, ..own.with_rounds(rounds) })
+    });
+    trained.map(Some).chain([None]).collect()
 }
 
 impl From<RenderGuiding> for Guiding {
@@ -329,16 +338,11 @@ fn resume(renderer: &mut Renderer<'_>, state: &Path, keys: &[String]) -> Result<
     // One of this picture has as many bytes as it has now; that of another one is read, so that what differs is told.
     let most = (renderer.save("").len() as u64).max(OTHER_STATE);
     let bytes = photofit_image::file_bytes(state, most)?;
-    let mut refusal = None;
-    let fits = |key: &String| match renderer.resume(key, &bytes) {
-        Ok(()) => true,
-        Err(e) => {
-            refusal.get_or_insert(e);
-            false
-        }
-    };
+    let mut refusals = Vec::new();
+    let fits = |key: &String| renderer.resume(key, &bytes).map_err(|e| refusals.push(e.to_string())).is_ok();
     let found = keys.iter().position(fits);
-    if let (None, Some(e)) = (found, refusal) {
+    // That of the key which comes closest names the fewest differences.
+    if let (None, Some(e)) = (found, refusals.iter().min_by_key(|e| e.len())) {
         bail!("{}: {e}", state.display());
     }
     let progress = renderer.progress();
@@ -372,7 +376,7 @@ impl Keeper<'_> {
     }
 
     fn save(&mut self, terminal: &Terminal, renderer: &Renderer<'_>) {
-        // Before the first sample there is nothing to keep, and after a stop while a guide learned nothing new.
+        // Before the first sample there is nothing to keep.
         let Some(key) = self.key.as_deref().filter(|_| renderer.progress().samples > 0) else { return };
         let refusal = match photofit_image::write_atomically(self.file, &renderer.save(key)) {
             Ok(()) => {
@@ -409,9 +413,10 @@ fn work(
 ) -> Result<(bool, Guidance)> {
     let terminal = Terminal::new();
     let began = Instant::now();
+    let over = || a.path.time_limit.is_some_and(|limit| began.elapsed() >= limit);
     let options = earlier.unwrap_or_else(|| Some(training(a, renderer)));
     let guidance = match &options {
-        Some(options) => Guidance::train(renderer, options, || terminal.is_cancelled())?,
+        Some(options) => Guidance::train(renderer, options, || terminal.is_cancelled() || over())?,
         None => Guidance::off(),
     };
     match guidance.report() {
@@ -420,6 +425,10 @@ fn work(
         None if terminal.is_cancelled() => {
             terminal.finish();
             say("stopped while the guide learned; --resume begins that anew");
+            return Ok((false, guidance));
+        }
+        None if earlier.flatten().is_some() => {
+            say("--time-limit was over before the guide had learned again what it knew; no sample was added");
             return Ok((false, guidance));
         }
         None if options.is_none() => say("guiding is off, as it was before"),
@@ -444,7 +453,6 @@ fn work(
     }
     let mut saved = Instant::now();
     let every = a.path.save_every.unwrap_or(SAVE_EVERY);
-    let over = || a.path.time_limit.is_some_and(|limit| began.elapsed() >= limit);
     loop {
         let due = || saved.elapsed() >= every;
         let progress = guidance.pass(renderer, || terminal.is_cancelled() || over() || due());

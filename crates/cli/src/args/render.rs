@@ -1,6 +1,6 @@
 //! The options of `photofit render`.
 
-use super::values::{above, definition, degrees, ending, seconds, single, whole};
+use super::values::{above, definition, degrees, ending, number, seconds, single, whole};
 use crate::mitsuba;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
@@ -207,10 +207,10 @@ pub(crate) struct PathArgs {
     /// (experimental). The guide switches itself off where it does not pay, and says so [default: off].
     #[arg(long, value_enum)]
     pub(crate) guiding: Option<RenderGuiding>,
-    /// Least gain of --guiding, variance times work without the guide over that with it, for which it stays on; 0 keeps it always
-    /// [range: at least 0] [default: 1.15].
-    #[arg(long, value_name = "G", requires = "guiding", value_parser = single(0.0..))]
-    pub(crate) least_gain: Option<f32>,
+    /// Least gain of --guiding, variance times work without the guide over that with it, for which it stays on; 0 keeps every
+    /// guide that was trained [range: at least 0] [default: 1.15].
+    #[arg(long, value_name = "G", requires = "guiding", value_parser = number(0.0..))]
+    pub(crate) least_gain: Option<f64>,
     /// Auxiliary images, as layers of an .exr: albedo, normal, `geometric_normal`, depth, position, instance, variance,
     /// direct, indirect, samples; or all [default: none].
     #[arg(long, value_name = "LIST", value_delimiter = ',')]

@@ -3,7 +3,8 @@
 //!
 //! Training is a function of the scene, the options and the seed: it has a fixed number of paths, none of which is in the
 //! picture, and reads no clock unless it is given a limit of time. That leaves out rounds, and the report tells how many there
-//! were ([`GuidingReport::rounds`]). A render that goes on later trains again with as many, to the same bits.
+//! were ([`GuidingReport::rounds`]). A render that goes on later trains again with as many ([`GuidingOptions::with_rounds`]), to the
+//! same bits.
 //!
 //! Rounds of training double in length; each walks paths with what the rounds before it learned. Whether the guide pays is
 //! judged by variance times work on paths of their own, where work is counted in path vertices, weighted by the costs of
@@ -113,10 +114,11 @@ impl GuidingOptions {
 }
 
 impl GuidingOptions {
-    /// Rounds that [`Self::for_picture`] and a limit of time choose among.
+    /// Rounds that [`Self::for_picture`] chooses among; a limit of time leaves out none of the first ones.
     pub const ROUNDS: RangeInclusive<u32> = 3..=7;
 
-    /// So many rounds, whatever time they take, and the pilot run that belongs to them: 8 paths a pixel, from five rounds on 16.
+    /// So many rounds, whatever time they take, and the pilot run that belongs to them: 8 paths a pixel, from five rounds on 16,
+    /// as [`Self::new`] and [`Self::for_picture`] have, and training within a limit after so many rounds.
     pub fn with_rounds(self, rounds: u32) -> Self {
         Self { rounds, limit: None, pilot: pilot_of(rounds), ..self }
     }
@@ -197,29 +199,42 @@ impl Guidance {
         options: &GuidingOptions,
         stop: impl Fn() -> bool,
     ) -> Result<Self, FitError> {
+        let began = Instant::now();
+        let trained = Self::train_by(&|| began.elapsed(), renderers, options, stop)?;
+        Ok(Self { seconds: began.elapsed().as_secs_f64(), ..trained })
+    }
+
+    /// The same, by a clock that tells how long it has been going on.
+    fn train_by(
+        now: &dyn Fn() -> Duration,
+        renderers: &[Renderer<'_>],
+        options: &GuidingOptions,
+        stop: impl Fn() -> bool,
+    ) -> Result<Self, FitError> {
         let Some(one) = renderers.first().filter(|_| options.guiding != Guiding::Off) else {
             return Ok(Self::off());
         };
-        let mut clock = Clock::new(options.limit);
-        let began = clock.began;
-        let given_up = || Self { seconds: began.elapsed().as_secs_f64(), ..Self::off() };
+        let mut clock = Clock { now, limit: options.limit, last: Duration::ZERO };
         let mut paths = 0;
         let stage = |round: u64| -> Result<Vec<Renderer<'_>>, FitError> {
             renderers.iter().map(|r| small_view(r, options, round)).collect()
         };
         // `None` where it is stopped.
-        let all = |stage: &[Renderer<'_>], run: &dyn Fn(&Renderer<'_>) -> Trial| -> Option<Trial> {
+        let all = |clock: &Clock<'_>,
+                   stage: &[Renderer<'_>],
+                   run: &dyn Fn(&Renderer<'_>) -> Trial|
+         -> Option<Trial> {
             let mut trial = Trial::default();
             for (k, renderer) in stage.iter().enumerate() {
-                if stop() || options.limit.is_some_and(|l| began.elapsed() >= l) {
+                if stop() || clock.is_over() {
                     return None;
                 }
                 trial = if k == 0 { run(renderer) } else { trial.beside(run(renderer)) };
             }
             Some(trial)
         };
-        let first = all(&stage(0)?, &|r| Pilot::new(r, 0, 1).run(&ScatteringSampler));
-        let Some(first) = first else { return Ok(given_up()) };
+        let first = all(&clock, &stage(0)?, &|r| Pilot::new(r, 0, 1).run(&ScatteringSampler));
+        let Some(first) = first else { return Ok(Self::off()) };
         paths += first.paths;
         let (lo, hi) = first.bounds();
         let mut state = match options.guiding {
@@ -233,13 +248,14 @@ impl Guidance {
         };
         let mut records = state.learn(first, options.records)?;
         let mut rounds = 1;
-        while rounds < options.rounds && clock.allows(rounds) {
-            let round = Instant::now();
-            let trial = all(&stage(u64::from(rounds))?, &|r| state.run(&Pilot::new(r, 0, 1 << rounds)));
-            let Some(trial) = trial else { return Ok(given_up()) };
+        while rounds < options.rounds && clock.allows(rounds, options.pilot) {
+            let before = now();
+            let trial =
+                all(&clock, &stage(u64::from(rounds))?, &|r| state.run(&Pilot::new(r, 0, 1 << rounds)));
+            let Some(trial) = trial else { return Ok(Self::off()) };
             paths += trial.paths;
             records += state.learn(trial, options.records)?;
-            clock.last = round.elapsed();
+            clock.last = now().saturating_sub(before);
             rounds += 1;
         }
         // Both trials take the same numbers where their paths agree, and none of training.
@@ -254,11 +270,11 @@ impl Guidance {
             if count == 0 || lost {
                 break;
             }
-            let one = all(&stage, &|r| part(r, first, count).run(&ScatteringSampler));
-            let Some(one) = one else { return Ok(given_up()) };
+            let one = all(&clock, &stage, &|r| part(r, first, count).run(&ScatteringSampler));
+            let Some(one) = one else { return Ok(Self::off()) };
             plain = plain.then(one, first, count);
-            let one = all(&stage, &|r| state.run(&part(r, first, count)));
-            let Some(one) = one else { return Ok(given_up()) };
+            let one = all(&clock, &stage, &|r| state.run(&part(r, first, count)));
+            let Some(one) = one else { return Ok(Self::off()) };
             guided = guided.then(one, first, count);
             let half = first + count < most;
             judged = Some(GuidingReport { half, ..GuidingReport::judge(&plain, &guided, options) });
@@ -267,12 +283,10 @@ impl Guidance {
             rounds,
             paths: paths + plain.paths + guided.paths,
             records,
-            seconds: began.elapsed().as_secs_f64(),
             ..judged
         });
         let used = report.as_ref().is_some_and(|r| r.used);
-        let seconds = began.elapsed().as_secs_f64();
-        Ok(Self { trained: used.then_some(state), report, seconds })
+        Ok(Self { trained: used.then_some(state), report, seconds: 0.0 })
     }
 
     /// Seconds of training and pilot run, also where they were given up (by the clock: for reports alone).

@@ -30,12 +30,10 @@ pub struct GuidingReport {
     pub paths: u64,
     /// Records learned from.
     pub records: u64,
-    /// Seconds of training and pilot run (by the clock: for reports alone).
-    pub seconds: f64,
 }
 
 impl GuidingReport {
-    /// Compares the two trials of a whole pilot run; counts and seconds of training are left at 0.
+    /// Compares the two trials of a whole pilot run; counts of training are left at 0.
     ///
     /// A sampler that finds no light has no variance, which is no merit: it loses against one that finds some. Where both
     /// find none there is nothing that speaks for a guide.
@@ -62,7 +60,6 @@ impl GuidingReport {
             rounds: 0,
             paths: 0,
             records: 0,
-            seconds: 0.0,
         }
     }
 
