@@ -116,6 +116,13 @@ impl Found<'_> {
     /// Writes the page to a folder beside the other results and tells people what was found.
     pub(crate) fn tell(&self, folder: &Path, text: &str, mut results: Results) -> Result<()> {
         results.took(self.write(folder));
+        let mut errors = self.history.iter().map(|h| relative_error(h.quality));
+        let first = errors.next();
+        if self.history.len() > 1 && errors.all(|e| Some(e) == first) {
+            say(
+                "warning: the error is what it was at the start: no picture that was judged sees what was to be found",
+            );
+        }
         print(&format!("{text}{}", self.reached))?;
         results.end(folder)
     }

@@ -127,7 +127,10 @@ pub(super) fn read(file: &Path, options: &RenderOptions) -> Result<Image> {
     let (w, h) = (options.width, options.height);
     let name = file.display();
     if (image.width, image.height) != (w, h) {
-        bail!("{name}: is {} x {} pixels; it must be {w} x {h}, as the picture", image.width, image.height);
+        let (own_w, own_h) = (image.width, image.height);
+        bail!(
+            "{name}: is {own_w} x {own_h} pixels; it must be {w} x {h}, or --width and --height must say so"
+        );
     }
     if image.channels < 3 {
         bail!("{name}: has {} channels; it must have three or four", image.channels);

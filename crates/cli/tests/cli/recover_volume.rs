@@ -156,6 +156,24 @@ fn what_cannot_be_used_is_refused() {
     let coloured = encode_grid([1; 3], &[1.0, 2.0, 3.0], [glam::DVec3::ZERO, glam::DVec3::ONE]);
     std::fs::write(d.join("coloured.vol"), coloured).unwrap();
     assert_one_error(&run("coloured.vol"), "colours", &["coloured.vol: voxel 0 holds [1.0, 2.0, 3.0]"]);
+    // A box that no camera sees.
+    let beside = [
+        "--bounds",
+        "10,10,10,11,11,11",
+        "--size",
+        "8",
+        "--steps",
+        "6",
+        "--resolution",
+        "16",
+        "--views",
+        "4",
+    ];
+    let o = succeeds(
+        d,
+        &[&["recover", "volume", "--self-test", "ball.vol", "-o", "beside"][..], &beside].concat(),
+    );
+    assert!(stderr(&o).contains("warning: the error is what it was at the start"), "{}", stderr(&o));
     for more in [&[][..], &["--self-test", "ball.vol", "--bounds", "1,2,3"]] {
         let o = photofit(d, &[&["recover", "volume", "-o", "out"], more].concat());
         assert_eq!(o.status.code(), Some(2), "{}", stderr(&o));

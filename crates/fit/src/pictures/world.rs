@@ -19,7 +19,7 @@ pub fn world_pictures(path: &Path) -> Result<Vec<GivenPicture>, FitError> {
     let list = PosedPictures::open(path)?;
     let common = list.transforms.lights.is_some();
     if let Some(i) = list.transforms.frames.iter().position(|f| common || f.lights.is_some()) {
-        let rule = "has lights; it must have none, those of the scene count";
+        let rule = "has lights; it must have none here, where light is that of a scene or is found";
         return Err(list.error_at(i, rule.into()));
     }
     pictures(list)
