@@ -98,6 +98,7 @@ fn a_guided_render_goes_on_to_the_same_bits() {
         let forced = ["--guiding", guide, "--least-gain", "0", "--spp", "120"];
         let line = |output, more: &[&'static str]| [&size[..], &["-o", output], &forced, more].concat();
         succeeds(d, &line("whole.exr", &[]));
+        let _ = std::fs::remove_file(d.join("cut.exr"));
         let often = ["--save-every", "0.02", "--time-limit", "1000"];
         let mut child = command(d, &line("cut.exr", &often)).spawn().unwrap();
         let (state, began) = (d.join("cut.exr.state"), Instant::now());
