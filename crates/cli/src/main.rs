@@ -14,6 +14,7 @@ mod denoise;
 mod device;
 mod fields;
 mod gradient;
+mod guided;
 mod inspect;
 mod interrupt;
 mod light;

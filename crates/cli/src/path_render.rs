@@ -1,6 +1,7 @@
 //! `photofit render --integrator path`: one picture of an asset with all its light.
 
-use crate::args::{Render, RenderGuiding, RenderLight};
+use crate::args::{Render, RenderLight};
+use crate::guided::{TRAINING_SHARE, guiding, training, trainings};
 use crate::light::MEAN;
 use crate::output::{self, print};
 use crate::preflight::Places;
@@ -25,19 +26,17 @@ use std::time::{Duration, Instant};
 /// The benchmark that measures what the plan skips.
 const SUITE: &str = "pathtrace";
 /// Samples per pixel when nothing else ends the render.
-const SPP: u32 = 64;
+pub(crate) const SPP: u32 = 64;
 /// Scattering events of a path.
 const DEPTH: u32 = 16;
 /// Time between two saved states.
 const SAVE_EVERY: Duration = Duration::from_secs(20);
-/// Share of the time limit that a guide may train.
-const TRAINING_SHARE: f64 = 0.3;
 /// Largest state of another picture that is read, bytes.
 const OTHER_STATE: u64 = 1 << 30;
 /// Why nothing was written.
 const NO_SAMPLE: &str = "no sample was made within --time-limit; nothing is written";
 /// Bound on the samples when noise or time ends it.
-const SPP_MAX: u32 = 4096;
+pub(crate) const SPP_MAX: u32 = 4096;
 
 pub(crate) fn run(a: &Render, places: &Places) -> Result<Ending> {
     let aovs = auxiliary(a)?;
@@ -66,7 +65,7 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, view: &View, key: &
     let mut keeper = Keeper { file: &state, key: None, scene: key, refusal: String::new(), kept: false };
     let mut earlier = None;
     if a.path.resume {
-        let trainings = trainings(a, &renderer);
+        let trainings = trainings(a, renderer.options());
         let keys: Vec<String> = trainings.iter().map(|t| keeper.key_of(a, t.as_ref())).collect();
         earlier = resume(&mut renderer, &state, &keys)?.map(|i| trainings[i]);
         keeper.kept = earlier.is_some();
@@ -110,49 +109,6 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, view: &View, key: &
     }
     let stopped = !finished && interrupt::is_stopping();
     Ok(if stopped { Ending::Stopped } else { Ending::Done })
-}
-
-/// What learns where light comes from.
-fn guiding(a: &Render) -> Guiding {
-    a.path.guiding.unwrap_or_default().into()
-}
-
-/// How a guide is trained for this render, if it is not one that goes on.
-fn training(a: &Render, renderer: &Renderer<'_>) -> GuidingOptions {
-    let own = match a.path.noise.is_some() && a.path.time_limit.is_none() {
-        // Nobody knows how many samples it takes.
-        true => GuidingOptions::new(guiding(a)),
-        false => GuidingOptions::for_picture(guiding(a), renderer.options()),
-    };
-    let limit = a.path.time_limit.map(|limit| limit.mul_f64(TRAINING_SHARE));
-    GuidingOptions { limit, least_gain: a.path.least_gain.unwrap_or(own.least_gain), ..own }
-}
-
-/// How a guide may have been trained for a state of this render, which other samples and limits may have ended; `None`: not at
-/// all, or it was given up.
-fn trainings(a: &Render, renderer: &Renderer<'_>) -> Vec<Option<GuidingOptions>> {
-    let own = training(a, renderer);
-    if own.guiding == Guiding::Off {
-        return vec![None];
-    }
-    let open = RenderOptions { spp: SPP_MAX, ..renderer.options().clone() };
-    let open = GuidingOptions::for_picture(own.guiding, &open).records;
-    let mut records = vec![own.records, open, GuidingOptions::new(own.guiding).records];
-    records.dedup();
-    let trained = records.into_iter().flat_map(|records| {
-        GuidingOptions::ROUNDS.map(move |rounds| GuidingOptions { records, ..own.with_rounds(rounds) })
-    });
-    trained.map(Some).chain([None]).collect()
-}
-
-impl From<RenderGuiding> for Guiding {
-    fn from(given: RenderGuiding) -> Self {
-        match given {
-            RenderGuiding::Off => Self::Off,
-            RenderGuiding::Flow => Self::Flow,
-            RenderGuiding::Lobes => Self::Lobes,
-        }
-    }
 }
 
 /// The figures of a render as JSON; `spp` is the mean over the pixels, `variance` that of single samples over pixels and
@@ -413,8 +369,11 @@ fn work(
 ) -> Result<(bool, Guidance)> {
     let terminal = Terminal::new();
     let began = Instant::now();
+    if earlier.is_some() && renderer.progress().done {
+        return Ok((true, Guidance::off()));
+    }
     let over = || a.path.time_limit.is_some_and(|limit| began.elapsed() >= limit);
-    let options = earlier.unwrap_or_else(|| Some(training(a, renderer)));
+    let options = earlier.unwrap_or_else(|| Some(training(a, renderer.options())));
     let guidance = match &options {
         Some(options) => Guidance::train(renderer, options, || terminal.is_cancelled() || over())?,
         None => Guidance::off(),
@@ -428,7 +387,9 @@ fn work(
             return Ok((false, guidance));
         }
         None if earlier.flatten().is_some() => {
-            say("--time-limit was over before the guide had learned again what it knew; no sample was added");
+            say(
+                "--time-limit was over before the guide had learned again what it knew; no sample was added, it must be longer",
+            );
             return Ok((false, guidance));
         }
         None if options.is_none() => say("guiding is off, as it was before"),

@@ -117,11 +117,10 @@ impl Found<'_> {
     pub(crate) fn tell(&self, folder: &Path, text: &str, mut results: Results) -> Result<()> {
         results.took(self.write(folder));
         let mut errors = self.history.iter().map(|h| relative_error(h.quality));
-        let first = errors.next();
-        if self.history.len() > 1 && errors.all(|e| Some(e) == first) {
-            say(
-                "warning: the error is what it was at the start: no picture that was judged sees what was to be found",
-            );
+        let first = errors.next().filter(|e| *e > 0.0);
+        if self.history.last().is_some_and(|h| h.step > 1) && errors.all(|e| Some(e) == first) {
+            let why = "no picture that was judged sees what was to be found, or no value could move";
+            say(&format!("warning: the error is what it was at the start: {why}"));
         }
         print(&format!("{text}{}", self.reached))?;
         results.end(folder)

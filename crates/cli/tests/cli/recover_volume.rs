@@ -41,7 +41,9 @@ fn a_known_cloud_is_found_stopped_and_resumed() {
         let small = ["--views", "6", "--resolution", "24", "--max-depth", "4", "--gradient-spp", "2"];
         succeeds(d, &[&base[..], &small, more].concat())
     };
-    let text = stdout(&run(&["-o", "whole", "--explain"]));
+    let o = run(&["-o", "whole", "--explain"]);
+    assert!(!stderr(&o).contains("what it was at the start"), "{}", stderr(&o));
+    let text = stdout(&o);
     assert!(text.contains("16 x 16 x 16 voxels, grids of 8, 16") && text.contains("held out"), "{text}");
     let f = figures(&d.join("whole"));
     let error = |which: &str| f["parameter_error"][which].as_f64().unwrap();

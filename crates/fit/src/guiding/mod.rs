@@ -82,7 +82,7 @@ pub struct GuidingOptions {
     /// Most rounds of training; round `r` walks `2^r` paths a pixel.
     pub rounds: u32,
     /// Most time of training and pilot run: what takes longer is given up. A round after the third is walked where it and the
-    /// pilot run are expected to end in half of it, judged by the round before. `None`: no clock is read.
+    /// pilot run are expected to end in half of it, judged by the round before. `None`: as long as it takes.
     pub limit: Option<Duration>,
     /// Paths a pixel of the pilot run, with the guide and without.
     pub pilot: u32,
