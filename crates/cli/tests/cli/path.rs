@@ -142,7 +142,8 @@ fn a_guide_that_was_given_up_is_off_when_the_render_goes_on() {
         o.status.success() && json()["guide"].is_null() && json()["training_seconds"] != 0.0
     };
     assert!((0..12).any(given_up), "no limit ended training alone");
-    let o = succeeds(d, &[&line[..], &["--spp", "1", "--resume"]].concat());
+    let more = ["--spp", "1000000", "--time-limit", "0.3", "--resume"];
+    let o = succeeds(d, &[&line[..], &more].concat());
     assert!(stderr(&o).contains("guiding is off, as it was before"), "{}", stderr(&o));
 }
 
