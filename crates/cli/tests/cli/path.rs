@@ -1,7 +1,8 @@
 //! `render --integrator path`.
 
 use crate::support::{
-    assert_misuse, assert_one_error, command, names, photofit, rock, stderr, stdout, succeeds, write_rock,
+    assert_misuse, assert_one_error, command, names, photofit, rock, stderr, stdout, succeeds, until,
+    write_rock,
 };
 use photofit_image::Image;
 use photofit_scene::{Extensions, Sheen};
@@ -101,10 +102,8 @@ fn a_guided_render_goes_on_to_the_same_bits() {
         let _ = std::fs::remove_file(d.join("cut.exr"));
         let often = ["--save-every", "0.02", "--time-limit", "1000"];
         let mut child = command(d, &line("cut.exr", &often)).spawn().unwrap();
-        let (state, began) = (d.join("cut.exr.state"), Instant::now());
-        while !state.exists() && child.try_wait().unwrap().is_none() && began.elapsed().as_secs() < 120 {
-            std::thread::sleep(Duration::from_millis(2));
-        }
+        let state = d.join("cut.exr.state");
+        until("a state", &mut child, || state.exists());
         child.kill().unwrap();
         child.wait().unwrap();
         assert!(state.exists() && !d.join("cut.exr").exists(), "{guide}: killed in the middle");
@@ -183,11 +182,7 @@ fn a_killed_render_goes_on_to_the_same_bits() {
     let state = d.join("killed.exr.state");
     let often = ["--save-every", "0.02"];
     let mut child = command(d, &[&arguments("killed.exr")[..], &often].concat()).spawn().unwrap();
-    let began = Instant::now();
-    while !state.exists() && child.try_wait().unwrap().is_none() && began.elapsed() < Duration::from_secs(60)
-    {
-        std::thread::sleep(Duration::from_millis(2));
-    }
+    until("a state", &mut child, || state.exists());
     child.kill().unwrap();
     child.wait().unwrap();
     assert!(state.exists() && !d.join("killed.exr").exists(), "killed in the middle");

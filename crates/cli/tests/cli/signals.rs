@@ -1,25 +1,14 @@
 //! Signals: to work that has nothing to keep, and to renders and recoveries that go on.
 
-use crate::support::{command, photofit, stderr, stdout, succeeds, write_rock};
+use crate::support::{command, photofit, stderr, stdout, succeeds, until, write_rock};
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::{Child, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 fn terminate(child: &Child) {
     let id = child.id().to_string();
     assert!(std::process::Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
-}
-
-/// Waits until something holds, and panics when it never does.
-#[track_caller]
-fn until(what: &str, child: &mut Child, mut holds: impl FnMut() -> bool) {
-    let start = Instant::now();
-    while !holds() {
-        assert!(start.elapsed() < Duration::from_secs(60), "{what}");
-        assert!(child.try_wait().unwrap().is_none(), "{what}: the program has ended");
-        std::thread::sleep(Duration::from_millis(2));
-    }
 }
 
 /// Whether a process has a handler for SIGTERM.

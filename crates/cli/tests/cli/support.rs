@@ -5,7 +5,8 @@ use photofit_geometry::shapes::displaced_sphere;
 use photofit_scalar::vec2;
 use photofit_scene::{Instance, Material, Primitive, Scene, TextureImage, TextureSlot};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output};
+use std::time::{Duration, Instant};
 
 /// The program with arguments, in a folder.
 pub(crate) fn command(folder: &Path, arguments: &[&str]) -> Command {
@@ -32,6 +33,17 @@ pub(crate) fn succeeds(folder: &Path, arguments: &[&str]) -> Output {
     let o = photofit(folder, arguments);
     assert_eq!(o.status.code(), Some(0), "{arguments:?}: {}", stderr(&o));
     o
+}
+
+/// Waits until something holds, and panics when it never does.
+#[track_caller]
+pub(crate) fn until(what: &str, child: &mut Child, mut holds: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !holds() {
+        assert!(start.elapsed() < Duration::from_secs(60), "{what}");
+        assert!(child.try_wait().unwrap().is_none(), "{what}: the program has ended");
+        std::thread::sleep(Duration::from_millis(2));
+    }
 }
 
 /// Expects exit status 1 and one line on stderr that begins with `error:` and holds all of `parts`.

@@ -1,6 +1,7 @@
 //! Pictures that tell a fit nothing: black ones, those below 0, the same one for all frames, one camera for all frames.
 
 use crate::engine::checkpoint::Digest;
+use crate::report::counted;
 use photofit_image::Image;
 use std::collections::BTreeSet;
 
@@ -54,16 +55,11 @@ pub fn doubts(pictures: &[&Image], cameras: &[String]) -> Vec<String> {
     let seen_from = distinct(&mut cameras.iter().map(of_camera));
     let others = n - black.len();
     if others > 1 && 2 * different <= others {
-        out.push(format!("{n} frames have only {}", distinct_ones(different, "picture")));
+        out.push(format!("{n} frames have only {}", counted(different, "distinct picture")));
     }
     if n > 1 && 2 * seen_from <= n {
-        let cameras = distinct_ones(seen_from, "camera");
+        let cameras = counted(seen_from, "distinct camera");
         out.push(format!("{n} frames have only {cameras}: what they do not see is not found"));
     }
     out
-}
-
-/// "1 distinct picture", "2 distinct pictures".
-fn distinct_ones(n: usize, what: &str) -> String {
-    format!("{n} distinct {what}{}", if n == 1 { "" } else { "s" })
 }
