@@ -48,7 +48,11 @@ pub(crate) fn trainings(a: &Render, picture: &RenderOptions) -> Vec<Option<Guidi
     records.sort_unstable();
     records.dedup();
     let trained = records.into_iter().flat_map(|records| {
-        GuidingOptions::ROUNDS.map(move |rounds| GuidingOptions { records, ..own.with_rounds(rounds) })
+        GuidingOptions::stages().map(move |(side, rounds)| GuidingOptions {
+            records,
+            side,
+            ..own.with_rounds(rounds)
+        })
     });
     trained.map(Some).chain([None]).collect()
 }

@@ -40,7 +40,7 @@ mod tests {
     #[test]
     fn rounds_are_allowed_by_the_time_that_they_are_expected_to_take() {
         let seconds = Duration::from_secs;
-        // Four paths a pixel in a second, after three rounds: eight more, and twice eight of the pilot run.
+        // Four paths a pixel in a second, after three rounds: eight more, and twice as many of the pilot run.
         assert_eq!(expected(seconds(1), 3, 8), seconds(6));
         // After five rounds, 16: twice as many, and twice 16.
         assert_eq!(expected(seconds(4), 5, 16), seconds(16));
@@ -50,7 +50,7 @@ mod tests {
         };
         assert!(allows(1 << 30, 1 << 20, None, 6, 16), "no limit");
         assert!(allows(9, 1000, Some(10), 2, 16), "the least number of rounds");
-        assert!(allows(7, 1, Some(26), 3, 16) && !allows(8, 1, Some(26), 3, 16));
+        assert!(allows(9, 1, Some(26), 3, 16) && !allows(10, 1, Some(26), 3, 16));
         assert!(allows(10, 1, Some(26), 3, 2), "of a shorter pilot run");
     }
 }

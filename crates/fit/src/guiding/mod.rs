@@ -13,6 +13,7 @@
 mod clock;
 mod pilot;
 mod report;
+mod training;
 
 use crate::FitError;
 use clock::Clock;
@@ -24,20 +25,19 @@ use photofit_pathtrace::{
 };
 use photofit_sampling::ScatteringSampler;
 use photofit_scalar::Vec3f;
-use pilot::{Pilot, Trial};
+use pilot::{Chooser, Trial};
 pub use report::GuidingReport;
 use std::ops::RangeInclusive;
 use std::time::{Duration, Instant};
+use training::Lesson;
 
 /// Tells the seeds of training and pilot run from that of the picture.
 const SEED: u64 = 0x6_u64.rotate_left(56) ^ 0x9a1d;
 
-/// Paths of a picture for one of training.
-const TRAINING: f64 = 10.0;
+/// Most work of training and pilot run over that of the picture.
+const PART: f64 = 0.1;
 /// Paths of a picture for one record that a flow learns from, which takes as long as a few paths.
-const LEARNING: f64 = 48.0;
-/// The first look of the pilot run takes this part of its paths.
-const LOOK: u32 = 2;
+const LEARNING: f64 = 96.0;
 
 /// Which guide.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -97,14 +97,14 @@ pub struct GuidingOptions {
 }
 
 impl GuidingOptions {
-    /// 5 rounds and a pilot run of 16 paths at 96 pixels a side; a gain of 1.15 is asked for.
+    /// 5 rounds and a pilot run of 8 paths at 96 pixels a side; a gain of 1.15 is asked for.
     pub fn new(guiding: Guiding) -> Self {
         Self {
             guiding,
             side: 96,
             rounds: 5,
             limit: None,
-            pilot: 16,
+            pilot: pilot_of(5),
             least_gain: 1.15,
             records: 1 << 18,
             flow: FlowOptions::default(),
@@ -116,29 +116,42 @@ impl GuidingOptions {
 impl GuidingOptions {
     /// Rounds that [`Self::for_picture`] chooses among; a limit of time leaves out none of the first ones.
     pub const ROUNDS: RangeInclusive<u32> = 3..=7;
+    /// Sides that it chooses among, pixels; there are more than the least number of rounds at the last one alone.
+    pub const SIDES: [usize; 5] = [24, 32, 48, 64, 96];
 
-    /// So many rounds, whatever time they take, and the pilot run that belongs to them: 8 paths a pixel, from five rounds on 16,
+    /// [`Self::side`] and [`Self::rounds`] that it chooses among, and that a limit of time leaves of them.
+    pub fn stages() -> impl Iterator<Item = (usize, u32)> {
+        let least = *Self::ROUNDS.start();
+        let [.., largest] = Self::SIDES;
+        Self::SIDES
+            .into_iter()
+            .map(move |side| (side, least))
+            .chain(Self::ROUNDS.skip(1).map(move |r| (largest, r)))
+    }
+
+    /// So many rounds, whatever time they take, and the pilot run that belongs to them: 4 paths a pixel, from five rounds on 8,
     /// as [`Self::new`] and [`Self::for_picture`] have, and training within a limit after so many rounds.
     pub fn with_rounds(self, rounds: u32) -> Self {
         Self { rounds, limit: None, pilot: pilot_of(rounds), ..self }
     }
 
-    /// As [`Self::new`] for a picture of known samples: training walks at most a tenth as many paths as the picture, in
-    /// 3 to 7 rounds, where a tenth is enough for three. The pilot run walks 8 paths a pixel with the guide and 8 without
-    /// it, from 5 rounds on 16.
+    /// As [`Self::new`] for a picture of known samples: training and pilot run are at most a tenth of the work of
+    /// the picture. Training walks 3 rounds in a picture that is as small as that asks for, down to 24 pixels a
+    /// side, or more rounds where they fit at 96 pixels. The pilot run walks 4 paths a pixel with the guide and 4 without it, from 5
+    /// rounds on 8.
     ///
-    /// A guide that loses clearly has walked the paths of its training and of half of its pilot run: less than an eighth of the
-    /// paths of the picture from 256 samples a pixel at 96 pixels a side on, less than a quarter with 64 samples. Guided paths take
-    /// longer than plain ones ([`Guiding::cost`]). A flow learns from one record for 48 paths of the picture at most, but from up to
-    /// 1,024 in each round.
+    /// Work is counted in paths of the picture, those that ask a guide for [`Guiding::cost`]. A flow learns from one record for 96
+    /// paths of the picture at most, but from up to 1,024 in each round.
     pub fn for_picture(guiding: Guiding, options: &RenderOptions) -> Self {
-        let own = Self::new(guiding);
         let (width, height) = (options.width.max(1) as f64, options.height.max(1) as f64);
-        let scale = (own.side as f64 / width.max(height)).min(1.0);
-        let share = f64::from(options.spp) / (TRAINING * scale * scale);
-        // Rounds up to r walk 2^r - 1 paths a pixel.
-        let [least, most] = [*Self::ROUNDS.start(), *Self::ROUNDS.end()].map(f64::from);
-        let rounds = (share + 1.0).log2().clamp(least, most) as u32;
+        let fits = |(side, rounds): &(usize, u32)| {
+            let part = (*side as f64 / width.max(height)).min(1.0).powi(2);
+            let guided = f64::from(*rounds).exp2() - 2.0 + 2.0 * f64::from(pilot_of(*rounds));
+            part * (1.0 + guided * guiding.cost()) <= PART * f64::from(options.spp)
+        };
+        let (side, rounds) =
+            Self::stages().filter(fits).last().unwrap_or((Self::SIDES[0], *Self::ROUNDS.start()));
+        let own = Self { side, ..Self::new(guiding) };
         let learned = width * height * f64::from(options.spp) / (LEARNING * f64::from(rounds));
         let records = match guiding {
             Guiding::Flow => (learned as usize).clamp(1 << 10, own.records),
@@ -150,7 +163,7 @@ impl GuidingOptions {
 
 /// Paths a pixel of the pilot run after so many rounds, with the guide and without.
 fn pilot_of(rounds: u32) -> u32 {
-    if rounds < 5 { 8 } else { 16 }
+    if rounds < 5 { 4 } else { 8 }
 }
 
 /// A guide that has learned.
@@ -215,27 +228,13 @@ impl Guidance {
             return Ok(Self::off());
         };
         let mut clock = Clock { now, limit: options.limit, last: Duration::ZERO };
-        let mut paths = 0;
         let stage = |round: u64| -> Result<Vec<Renderer<'_>>, FitError> {
             renderers.iter().map(|r| small_view(r, options, round)).collect()
         };
-        // `None` where it is stopped.
-        let all = |clock: &Clock<'_>,
-                   stage: &[Renderer<'_>],
-                   run: &dyn Fn(&Renderer<'_>) -> Trial|
-         -> Option<Trial> {
-            let mut trial = Trial::default();
-            for (k, renderer) in stage.iter().enumerate() {
-                if stop() || clock.is_over() {
-                    return None;
-                }
-                trial = if k == 0 { run(renderer) } else { trial.beside(run(renderer)) };
-            }
-            Some(trial)
-        };
-        let first = all(&clock, &stage(0)?, &|r| Pilot::new(r, 0, 1).run(&ScatteringSampler));
+        let first =
+            over(&stage(0)?, &clock, &stop, Lesson::beside, |r| Lesson::walk(r, 1, &ScatteringSampler));
         let Some(first) = first else { return Ok(Self::off()) };
-        paths += first.paths;
+        let mut paths = first.paths;
         let (lo, hi) = first.bounds();
         let mut state = match options.guiding {
             Guiding::Off => return Ok(Self::off()),
@@ -250,43 +249,25 @@ impl Guidance {
         let mut rounds = 1;
         while rounds < options.rounds && clock.allows(rounds, options.pilot) {
             let before = now();
-            let trial =
-                all(&clock, &stage(u64::from(rounds))?, &|r| state.run(&Pilot::new(r, 0, 1 << rounds)));
-            let Some(trial) = trial else { return Ok(Self::off()) };
-            paths += trial.paths;
-            records += state.learn(trial, options.records)?;
+            let views = stage(u64::from(rounds))?;
+            let lesson = over(&views, &clock, &stop, Lesson::beside, |r| state.walk(r, 1 << rounds));
+            let Some(lesson) = lesson else { return Ok(Self::off()) };
+            paths += lesson.paths;
+            records += state.learn(lesson, options.records)?;
             clock.last = now().saturating_sub(before);
             rounds += 1;
         }
         // Both trials take the same numbers where their paths agree, and none of training.
-        let stage = stage(u64::from(rounds))?;
+        let views = stage(u64::from(rounds))?;
         let pilot = if rounds < options.rounds { options.pilot.min(pilot_of(rounds)) } else { options.pilot };
-        let most = pilot.max(2);
-        let look = if options.least_gain > 0.0 { (most / LOOK).max(2) } else { most };
-        let (mut plain, mut guided) = (Trial::default(), Trial::default());
-        let mut judged = None;
-        for (first, count) in [(0, look), (look, most - look)] {
-            let lost = judged.as_ref().is_some_and(|j: &GuidingReport| j.is_lost(options));
-            if count == 0 || lost {
-                break;
-            }
-            let one = all(&clock, &stage, &|r| part(r, first, count).run(&ScatteringSampler));
-            let Some(one) = one else { return Ok(Self::off()) };
-            plain = plain.then(one, first, count);
-            let one = all(&clock, &stage, &|r| state.run(&part(r, first, count)));
-            let Some(one) = one else { return Ok(Self::off()) };
-            guided = guided.then(one, first, count);
-            let half = first + count < most;
-            judged = Some(GuidingReport { half, ..GuidingReport::judge(&plain, &guided, options) });
-        }
-        let report = judged.map(|judged| GuidingReport {
-            rounds,
-            paths: paths + plain.paths + guided.paths,
-            records,
-            ..judged
-        });
-        let used = report.as_ref().is_some_and(|r| r.used);
-        Ok(Self { trained: used.then_some(state), report, seconds: 0.0 })
+        let trial = |chooser| over(&views, &clock, &stop, Trial::beside, |r| state.trial(r, pilot, chooser));
+        let Some(plain) = trial(Chooser::Scattering) else { return Ok(Self::off()) };
+        let Some(guided) = trial(Chooser::Guide) else { return Ok(Self::off()) };
+        let paths = paths + plain.paths + guided.paths;
+        let report =
+            GuidingReport { rounds, paths, records, ..GuidingReport::judge(&plain, &guided, options) };
+        let trained = report.used.then_some(state);
+        Ok(Self { trained, report: Some(report), seconds: 0.0 })
     }
 
     /// Seconds of training and pilot run, also where they were given up (by the clock: for reports alone).
@@ -341,16 +322,25 @@ impl Guidance {
 }
 
 impl Trained {
-    fn run(&self, pilot: &Pilot<'_>) -> Trial {
+    /// Paths to learn from.
+    fn walk(&self, renderer: &Renderer<'_>, count: u32) -> Lesson {
         match self {
-            Self::Flow(guide) => pilot.run(&Guided(&**guide)),
-            Self::Lobes(guide) => pilot.run(&Guided(guide)),
+            Self::Flow(guide) => Lesson::walk(renderer, count, &Guided(&**guide)),
+            Self::Lobes(guide) => Lesson::walk(renderer, count, &Guided(guide)),
         }
     }
 
-    /// Learns from at most `most` useful records of the trial; gives their number.
-    fn learn(&mut self, trial: Trial, most: usize) -> Result<u64, FitError> {
-        let records = thinned(trial.records, most);
+    /// Paths of the pilot run.
+    fn trial(&self, renderer: &Renderer<'_>, samples: u32, chooser: Chooser) -> Trial {
+        match self {
+            Self::Flow(guide) => Trial::run(renderer, samples, &Guided(&**guide), chooser),
+            Self::Lobes(guide) => Trial::run(renderer, samples, &Guided(guide), chooser),
+        }
+    }
+
+    /// Learns from at most `most` useful records; gives their number.
+    fn learn(&mut self, lesson: Lesson, most: usize) -> Result<u64, FitError> {
+        let records = thinned(lesson.records, most);
         match self {
             Self::Flow(guide) => guide.learn(&records)?,
             Self::Lobes(guide) => guide.learn(&records)?,
@@ -377,9 +367,26 @@ fn thinned(mut records: Vec<Record>, most: usize) -> Vec<Record> {
         .collect()
 }
 
-/// Paths of the pilot run.
-fn part<'a>(renderer: &'a Renderer<'a>, first: u32, count: u32) -> Pilot<'a> {
-    Pilot::new(renderer, first, count).without_records()
+/// What all views come to; `None` where it is stopped.
+fn over<T>(
+    views: &[Renderer<'_>],
+    clock: &Clock<'_>,
+    stop: &impl Fn() -> bool,
+    join: impl Fn(T, T) -> T,
+    run: impl Fn(&Renderer<'_>) -> T,
+) -> Option<T> {
+    let mut all = None;
+    for view in views {
+        if stop() || clock.is_over() {
+            return None;
+        }
+        let one = run(view);
+        all = Some(match all {
+            None => one,
+            Some(all) => join(all, one),
+        });
+    }
+    all
 }
 
 /// A small render of the same view with numbers of its own.

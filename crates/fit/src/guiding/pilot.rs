@@ -1,196 +1,304 @@
-//! Paths beside the picture: records to learn from, and the variance and the work of a sampler.
+//! Variance of a guide and of the scattering function, each by the paths of both.
+//!
+//! A path that one of them chose tells what it would have brought and how likely it would have been if the other had chosen
+//! its directions, so that both second moments are sums over the paths of both, weighted by the balance heuristic (Veach
+//! 1997). Light that the scattering function alone meets once in a million paths is no part of the variance of few of its
+//! own paths; those of a guide that looks for it tell it.
 
-use super::box_of;
-use photofit_flow::{Query, Record};
 use photofit_image::luminance;
-use photofit_pathtrace::{
-    Contribution, PathVertex, PictureSink, Renderer, Sink, TrainingSink, TrainingVertex,
-};
-use photofit_sampling::DirectionSampler;
+use photofit_pathtrace::{Contribution, Found, PathVertex, Renderer, Sink};
+use photofit_sampling::{DirectionSample, DirectionSampler, Scattering, Vertex};
 use photofit_scalar::Vec3f;
 use rayon::prelude::*;
+use std::cell::Cell;
 
 /// Pixels along the side of a block whose mean luminance scales the variance of its pixels.
 const BLOCK: usize = 4;
 /// Share of the mean luminance of the picture added to that of a block: darkness may be noisier.
 const DARKNESS: f64 = 0.1;
+/// Bounds of the ratio of the densities of a path: more and less make no difference, and could overflow along it.
+const RATIO: [f64; 2] = [1e-30, 1e30];
+/// Part of the second moment below which a variance is rounding.
+const ROUNDING: f64 = 1e-9;
 
-/// Paths of every pixel of a small picture.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Pilot<'a> {
-    renderer: &'a Renderer<'a>,
-    first: u32,
-    count: u32,
-    records: bool,
+/// Who chooses directions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Chooser {
+    /// The scattering function.
+    Scattering,
+    /// Guide and scattering function, as in the picture.
+    Guide,
 }
 
-/// What the paths of a sampler came to.
-#[derive(Debug, Default)]
+/// Paths that one of them chose, pixel by pixel.
+#[derive(Clone, Debug, Default)]
 pub(super) struct Trial {
-    pub(super) records: Vec<Record>,
     pub(super) paths: u64,
     /// Path vertices, and rays without one.
     pub(super) work: u64,
     pub(super) columns: usize,
-    /// Mean luminance and variance of single samples, pixel by pixel.
-    pub(super) pixels: Vec<[f64; 2]>,
+    pub(super) pixels: Vec<Sums>,
+    /// Whether any of them brought light.
+    pub(super) found_light: bool,
 }
 
-/// Reports to the picture and to training.
-#[derive(Default)]
-struct Observer {
-    picture: PictureSink,
-    training: Option<TrainingSink>,
+/// Sums over the paths of a pixel. With `p` and `q` for the densities of a path without the guide and with it, `f / p` for the
+/// luminance that it brings without:
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Sums {
+    paths: f64,
+    /// Of `m = f / (p + q)`: by the paths of both this is the mean.
+    mean: f64,
+    /// Of `m^2`.
+    squares: f64,
+    /// Of `(f / p)^2 p / (p + q)` and `(f / q)^2 q / (p + q)`: the second moments.
+    second: [f64; 2],
+}
+
+impl Sums {
+    fn add(&mut self, path: &Path) {
+        let [plain, guided] = path.values;
+        let share = [1.0 / (1.0 + path.ratio), path.ratio / (1.0 + path.ratio)];
+        let mean = plain * share[0];
+        self.paths += 1.0;
+        self.mean += mean;
+        self.squares += mean * mean;
+        self.second[0] += plain * plain * share[0];
+        self.second[1] += guided * guided * share[1];
+    }
+
+    /// The square of the mean of `m`, without bias.
+    fn squared_mean(&self) -> f64 {
+        (self.mean * self.mean - self.squares) / (self.paths * (self.paths - 1.0)).max(1.0)
+    }
+
+    /// Those of a pixel of this mean and these variances, split evenly between the paths of both.
+    #[cfg(test)]
+    pub(super) fn of(mean: f64, variances: [f64; 2]) -> Self {
+        let square = mean * mean;
+        Self { paths: 2.0, mean, squares: 0.5 * square, second: variances.map(|v| v + square) }
+    }
+}
+
+/// Of a pixel, by the paths of both: its mean, the square of it, and the second moments of both; without bias.
+fn moments(plain: &Sums, guided: &Sums) -> (f64, f64, [f64; 2]) {
+    let of = |v: &Sums, sum: f64| sum / v.paths.max(1.0);
+    let [a, b] = [of(plain, plain.mean), of(guided, guided.mean)];
+    let square = plain.squared_mean() + guided.squared_mean() + 2.0 * a * b;
+    let second = [0, 1].map(|k| of(plain, plain.second[k]) + of(guided, guided.second[k]));
+    (a + b, square, second)
+}
+
+/// A path under both samplers.
+#[derive(Clone, Copy, Debug)]
+struct Path {
+    /// Luminance without the guide and with it.
+    values: [f64; 2],
+    /// Density with the guide over that without.
+    ratio: f64,
+}
+
+impl Default for Path {
+    fn default() -> Self {
+        Self { values: [0.0; 2], ratio: 1.0 }
+    }
+}
+
+/// The last densities with the guide over those without.
+#[derive(Debug)]
+struct Densities {
+    /// Of the direction that was chosen last.
+    chosen: Cell<f64>,
+    /// Of the direction of the light that was connected last.
+    light: Cell<f64>,
+}
+
+/// Directions of one chooser, with an eye on the other.
+struct Watched<'a, D> {
+    guide: &'a D,
+    chooser: Chooser,
+    densities: &'a Densities,
+}
+
+impl<D: DirectionSampler> DirectionSampler for Watched<'_, D> {
+    type Local = D::Local;
+
+    #[inline]
+    fn local<S: Scattering>(&self, at: &Vertex<'_, S>) -> Self::Local {
+        self.guide.local(at)
+    }
+
+    #[inline]
+    fn sample<S: Scattering>(
+        &self,
+        at: &Vertex<'_, S>,
+        local: &Self::Local,
+        lobe: f32,
+        u: [f32; 2],
+    ) -> Option<DirectionSample> {
+        let (sample, ratio) = match self.chooser {
+            Chooser::Guide => {
+                let sample = self.guide.sample(at, local, lobe, u)?;
+                (sample, f64::from(sample.preference))
+            }
+            Chooser::Scattering => {
+                let sample = at.scattering.sample(lobe, u)?;
+                let other = || f64::from(self.guide.eval_pdf(at, local, sample.wi).1);
+                (sample, if sample.delta { 1.0 } else { other() / f64::from(sample.pdf) })
+            }
+        };
+        self.densities.chosen.set(ratio);
+        Some(sample)
+    }
+
+    #[inline]
+    fn eval_pdf<S: Scattering>(&self, at: &Vertex<'_, S>, local: &Self::Local, wi: Vec3f) -> (Vec3f, f32) {
+        let guided = self.guide.eval_pdf(at, local, wi);
+        let plain = at.scattering.eval_pdf(wi);
+        self.densities.light.set(f64::from(guided.1) / f64::from(plain.1));
+        match self.chooser {
+            Chooser::Scattering => plain,
+            Chooser::Guide => guided,
+        }
+    }
+
+    #[inline]
+    fn has_lobes<S: Scattering>(&self, at: &Vertex<'_, S>) -> bool {
+        match self.chooser {
+            Chooser::Scattering => at.scattering.has_lobes(),
+            Chooser::Guide => self.guide.has_lobes(at),
+        }
+    }
+}
+
+/// Follows a path under both samplers.
+struct Follower<'a> {
+    chooser: Chooser,
+    densities: &'a Densities,
+    path: Path,
+    /// Of the last direction.
+    last: f64,
     vertices: u64,
 }
 
-impl Sink for Observer {
-    fn vertex(&mut self, vertex: &PathVertex) {
-        self.vertices += 1;
-        if let Some(training) = &mut self.training {
-            training.vertex(vertex);
-        }
+impl Follower<'_> {
+    fn begin(&mut self) {
+        (self.path, self.last) = (Path::default(), 1.0);
+        self.densities.chosen.set(1.0);
+        self.densities.light.set(1.0);
     }
+}
 
-    fn attenuate(&mut self, factor: Vec3f) {
-        if let Some(training) = &mut self.training {
-            training.attenuate(factor);
-        }
+impl Sink for Follower<'_> {
+    fn vertex(&mut self, _: &PathVertex) {
+        self.vertices += 1;
+        // Phase functions choose directions in media.
+        let ratio = usable(self.densities.chosen.replace(1.0));
+        self.densities.light.set(1.0);
+        self.last = ratio;
+        self.path.ratio = (self.path.ratio * ratio).clamp(RATIO[0], RATIO[1]);
     }
 
     fn contribution(&mut self, light: &Contribution) {
-        self.picture.contribution(light);
-        if let Some(training) = &mut self.training {
-            training.contribution(light);
-        }
-    }
-
-    fn not_finite(&mut self) {
-        self.picture.not_finite();
-    }
-}
-
-impl<'a> Pilot<'a> {
-    /// `count` samples of every pixel from sample `first` on.
-    pub(super) fn new(renderer: &'a Renderer<'a>, first: u32, count: u32) -> Self {
-        Self { renderer, first, count, records: true }
-    }
-
-    /// Keeps variance and work alone.
-    pub(super) fn without_records(self) -> Self {
-        Self { records: false, ..self }
-    }
-
-    /// Walks all paths with directions of `sampler`; rows run on all threads and are joined in order.
-    pub(super) fn run<D: DirectionSampler + Sync>(&self, sampler: &D) -> Trial {
-        let options = self.renderer.options();
-        let (columns, rows) = (options.width, options.height);
-        let parts: Vec<Trial> = (0..rows).into_par_iter().map(|y| self.row(y, columns, sampler)).collect();
-        let mut all = Trial { columns, ..Trial::default() };
-        for part in parts {
-            all.records.extend(part.records);
-            all.pixels.extend(part.pixels);
-            all.paths += part.paths;
-            all.work += part.work;
-        }
-        all
-    }
-
-    fn row<D: DirectionSampler>(&self, y: usize, columns: usize, sampler: &D) -> Trial {
-        let mut out = Trial::default();
-        let training = self.records.then(TrainingSink::weighted);
-        let mut sink = Observer { training, ..Observer::default() };
-        for x in 0..columns {
-            let (mut sum, mut squares) = (0.0, 0.0);
-            for sample in self.first..self.first + self.count {
-                sink.picture = PictureSink::default();
-                if let Some(training) = &mut sink.training {
-                    training.begin();
-                }
-                self.renderer.walk([x, y], sample, sampler, &mut sink);
-                let value = f64::from(luminance(sink.picture.radiance.to_array()));
-                (sum, squares) = (sum + value, squares + value * value);
-            }
-            let n = f64::from(self.count);
-            let variance = (squares - sum * sum / n).max(0.0) / (n - 1.0).max(1.0);
-            out.pixels.push([sum / n, variance]);
-        }
-        out.paths = columns as u64 * u64::from(self.count);
-        out.work = out.paths + sink.vertices;
-        let vertices = sink.training.map(|t| t.vertices).unwrap_or_default();
-        out.records = vertices.iter().filter_map(record).collect();
-        out
+        let value = f64::from(luminance(light.value.to_array()));
+        let [own, other] = match self.chooser {
+            Chooser::Scattering => [0, 1],
+            Chooser::Guide => [1, 0],
+        };
+        // Densities of the chooser over those of the other.
+        let over = |ratio: f64| if self.chooser == Chooser::Guide { ratio } else { 1.0 / ratio };
+        let met = match light.found {
+            Found::NextEvent => 1.0 / over(usable(self.densities.light.replace(1.0))),
+            Found::Emission | Found::Environment | Found::Medium => over(self.last),
+        };
+        // The weight of the other for this light over that of the chooser, by the power heuristic.
+        let weight = f64::from(light.weight);
+        let change = 1.0 / (weight + met * met * (1.0 - weight));
+        self.path.values[own] += value;
+        self.path.values[other] += value * over(self.path.ratio) * change;
     }
 }
 
-/// What a guide learns from a vertex of a surface.
-fn record(v: &TrainingVertex) -> Option<Record> {
-    let e = &v.event;
-    if e.delta || e.normal == Vec3f::zero() {
-        return None;
-    }
-    let query = Query { position: e.position, normal: e.normal, wo: e.wo, roughness: 1.0 };
-    let value = luminance(e.weight.mul(v.radiance).to_array()) * e.pdf;
-    Some(Record { query, wi: e.wi, pdf: e.pdf, value, incident: luminance(v.radiance.to_array()) })
+/// 1 where a density is 0 or not a number: nothing is scattered there.
+fn usable(ratio: f64) -> f64 {
+    if ratio > 0.0 && ratio.is_finite() { ratio } else { 1.0 }
 }
 
 impl Trial {
+    /// So many samples of every pixel; rows run on all threads and are joined in order.
+    pub(super) fn run<D: DirectionSampler + Sync>(
+        renderer: &Renderer<'_>,
+        samples: u32,
+        guide: &D,
+        chooser: Chooser,
+    ) -> Self {
+        let options = renderer.options();
+        let (columns, rows) = (options.width, options.height);
+        let row = |y: usize| Self::row(renderer, (y, columns), samples, guide, chooser);
+        let parts: Vec<Self> = (0..rows).into_par_iter().map(row).collect();
+        parts.into_iter().fold(Self { columns, ..Self::default() }, Self::beside)
+    }
+
+    fn row<D: DirectionSampler>(
+        renderer: &Renderer<'_>,
+        (y, columns): (usize, usize),
+        samples: u32,
+        guide: &D,
+        chooser: Chooser,
+    ) -> Self {
+        let densities = Densities { chosen: Cell::new(1.0), light: Cell::new(1.0) };
+        let sampler = Watched { guide, chooser, densities: &densities };
+        let mut sink =
+            Follower { chooser, densities: &densities, path: Path::default(), last: 1.0, vertices: 0 };
+        let mut out = Self { columns, ..Self::default() };
+        for x in 0..columns {
+            let mut sums = Sums::default();
+            for sample in 0..samples {
+                sink.begin();
+                renderer.walk([x, y], sample, &sampler, &mut sink);
+                out.found_light |= sink.path.values != [0.0; 2];
+                sums.add(&sink.path);
+            }
+            out.pixels.push(sums);
+        }
+        out.paths = columns as u64 * u64::from(samples);
+        out.work = out.paths + sink.vertices;
+        out
+    }
+
     /// Both, of pictures of one width: the rows of the other follow.
     pub(super) fn beside(mut self, other: Self) -> Self {
-        self.records.extend(other.records);
         self.pixels.extend(other.pixels);
         self.paths += other.paths;
         self.work += other.work;
+        self.found_light |= other.found_light;
         self
     }
-
-    /// Both, of one picture: this one's `n` samples a pixel and the other's `m`, without records.
-    pub(super) fn then(self, other: Self, n: u32, m: u32) -> Self {
-        if n == 0 {
-            return other;
-        }
-        let (n, m) = (f64::from(n), f64::from(m));
-        // The sum of squares around the mean of all (Chan et al. 1983).
-        let pixel = |(a, b): (&[f64; 2], &[f64; 2])| {
-            let step = b[0] - a[0];
-            let squares = (n - 1.0) * a[1] + (m - 1.0) * b[1] + step * step * n * m / (n + m);
-            [a[0] + step * m / (n + m), squares / (n + m - 1.0)]
-        };
-        Self {
-            pixels: self.pixels.iter().zip(&other.pixels).map(pixel).collect(),
-            paths: self.paths + other.paths,
-            work: self.work + other.work,
-            ..self
-        }
-    }
-
-    /// The box around the vertices.
-    pub(super) fn bounds(&self) -> (Vec3f, Vec3f) {
-        box_of(self.records.iter().map(|r| r.query.position))
-    }
-
-    /// Whether any path brought light.
-    pub(super) fn found_light(&self) -> bool {
-        self.pixels.iter().any(|[mean, _]| *mean > 0.0)
-    }
-
-    /// Mean over the pixels of the variance of single samples over the squared luminance around, which both trials tell.
-    pub(super) fn variance(&self, other: &Self) -> f64 {
-        let both: Vec<f64> =
-            self.pixels.iter().zip(&other.pixels).map(|(a, b)| 0.5 * (a[0] + b[0])).collect();
-        let n = both.len().max(1) as f64;
-        let mean = both.iter().sum::<f64>() / n;
-        let width = self.columns.div_ceil(BLOCK);
-        let block = |i: usize| i / self.columns / BLOCK * width + i % self.columns / BLOCK;
-        let mut blocks = vec![[0.0_f64; 2]; width * (both.len() / self.columns.max(1)).div_ceil(BLOCK)];
-        for (i, v) in both.iter().enumerate() {
-            let sum = &mut blocks[block(i)];
-            *sum = [sum[0] + v, sum[1] + 1.0];
-        }
-        let relative = self.pixels.iter().enumerate().map(|(i, [_, variance])| {
-            let [sum, count] = blocks[block(i)];
-            variance / (sum / count + DARKNESS * mean).powi(2)
-        });
-        relative.sum::<f64>() / n
-    }
 }
+
+/// Variance of single samples without the guide and with it, by trials of as many samples of both: the mean over the pixels,
+/// relative to the squared luminance around.
+pub(super) fn variances(plain: &Trial, guided: &Trial) -> [f64; 2] {
+    let pixels: Vec<_> = plain.pixels.iter().zip(&guided.pixels).map(|(a, b)| moments(a, b)).collect();
+    let n = pixels.len().max(1) as f64;
+    let mean = pixels.iter().map(|p| p.0).sum::<f64>() / n;
+    let columns = plain.columns.max(1);
+    let width = columns.div_ceil(BLOCK);
+    let block = |i: usize| i / columns / BLOCK * width + i % columns / BLOCK;
+    let mut blocks = vec![[0.0_f64; 2]; width * (pixels.len() / columns).div_ceil(BLOCK)];
+    for (i, pixel) in pixels.iter().enumerate() {
+        let sum = &mut blocks[block(i)];
+        *sum = [sum[0] + pixel.0, sum[1] + 1.0];
+    }
+    let (mut squares, mut seconds) = (0.0, [0.0; 2]);
+    for (i, (_, square, second)) in pixels.into_iter().enumerate() {
+        let [sum, count] = blocks[block(i)];
+        let scale = (sum / count + DARKNESS * mean).powi(2).recip();
+        squares += scale * square;
+        (0..2).for_each(|k| seconds[k] += scale * second[k]);
+    }
+    seconds.map(|m| if m - squares > ROUNDING * m { (m - squares) / n } else { 0.0 })
+}
+
+#[cfg(test)]
+mod tests;

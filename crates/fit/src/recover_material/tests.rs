@@ -158,7 +158,7 @@ fn a_stopped_guided_fit_goes_on_to_the_same_bits() {
         pool.install(|| recover_material(&asset, &known.views, &known.pictures, &options, &stop)).unwrap()
     };
     let whole = run(None, false, usize::MAX, 2);
-    // While the guide of the second round learns from 5 views in 4 rounds, with a pilot run in two halves.
+    // While the guide of the second round learns from 5 views in 4 rounds, with a pilot run without it and with it.
     let asked = 5 * (4 + 2) + 1;
     let folder = dir.path();
     let cut = run(Some(folder), false, 14 + asked / 2, 1);

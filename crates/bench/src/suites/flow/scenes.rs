@@ -19,6 +19,7 @@ pub(super) fn indirect() -> Result<Vec<Case>> {
         ("glossy room through a gap".into(), glossy_rooms()?, inside()),
         ("hall under a shelf".into(), hall()?, into_the_hall()),
         ("lamp behind a door".into(), door()?, beside_the_door()),
+        ("lamp round a corner".into(), corridor()?, into_the_corridor()),
     ])
 }
 
@@ -152,4 +153,20 @@ fn door() -> Result<World> {
 fn beside_the_door() -> View {
     let eye = Vec3::new(0.2, 0.6, -0.9);
     View::pinhole(&Camera::look_at(eye, Vec3::new(1.4, 0.35, 0.3), Vec3::Y, 1.1, 1.0, 0.01, 10.0))
+}
+
+/// Two corridors side by side that join at one end, and a lamp at the far end of the other one.
+fn corridor() -> Result<World> {
+    let mut parts = Parts::default();
+    walls(&mut parts, vec3(-1.0, 0.0, -4.0), vec3(4.0, 1.5, 5.0), 0.6);
+    walls(&mut parts, vec3(0.15, -0.1, -4.1), vec3(1.8, 1.7, 4.05), 0.6);
+    let lamp = grey(0.0).emitting(Vec3f::splat(40.0));
+    parts.add(Shape::Sphere { center: vec3(2.5, 0.8, -3.4), radius: 0.15 }, lamp);
+    parts.add(Shape::Sphere { center: vec3(-0.3, 0.3, -0.2), radius: 0.3 }, metal(0.45));
+    Ok(World::new(parts)?)
+}
+
+fn into_the_corridor() -> View {
+    let eye = Vec3::new(0.0, 0.8, 0.9);
+    View::pinhole(&Camera::look_at(eye, Vec3::new(-0.2, 0.5, -2.0), Vec3::Y, 1.0, 1.0, 0.01, 10.0))
 }
