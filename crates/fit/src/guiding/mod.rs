@@ -84,7 +84,7 @@ pub struct GuidingOptions {
     /// Most time of training and pilot run: what takes longer is given up. A round after the third is walked where it and the
     /// pilot run are expected to end in half of it, judged by the round before. `None`: as long as it takes.
     pub limit: Option<Duration>,
-    /// Paths a pixel of the pilot run, with the guide and without.
+    /// Paths a pixel of the pilot run, with the guide and without; at least 2 are walked.
     pub pilot: u32,
     /// Least gain (variance times work without the guide over that with it) for which the guide is used; 0 uses it always.
     pub least_gain: f64,
@@ -140,7 +140,7 @@ impl GuidingOptions {
     /// side, or more rounds where they fit at 96 pixels. The pilot run walks 4 paths a pixel with the guide and 4 without it, from 5
     /// rounds on 8.
     ///
-    /// Work is counted in paths of the picture, those that ask a guide for [`Guiding::cost`]. A flow learns from one record for 96
+    /// Work is counted in paths of the picture, those that ask a guide for [`Guiding::cost`]; what learning from them takes is not counted. A flow learns from one record for 96
     /// paths of the picture at most, but from up to 1,024 in each round.
     pub fn for_picture(guiding: Guiding, options: &RenderOptions) -> Self {
         let (width, height) = (options.width.max(1) as f64, options.height.max(1) as f64);
@@ -232,7 +232,7 @@ impl Guidance {
             renderers.iter().map(|r| small_view(r, options, round)).collect()
         };
         let first =
-            over(&stage(0)?, &clock, &stop, Lesson::beside, |r| Lesson::walk(r, 1, &ScatteringSampler));
+            over_views(&stage(0)?, &clock, &stop, Lesson::beside, |r| Lesson::walk(r, 1, &ScatteringSampler));
         let Some(first) = first else { return Ok(Self::off()) };
         let mut paths = first.paths;
         let (lo, hi) = first.bounds();
@@ -250,19 +250,22 @@ impl Guidance {
         while rounds < options.rounds && clock.allows(rounds, options.pilot) {
             let before = now();
             let views = stage(u64::from(rounds))?;
-            let lesson = over(&views, &clock, &stop, Lesson::beside, |r| state.walk(r, 1 << rounds));
+            let lesson = over_views(&views, &clock, &stop, Lesson::beside, |r| state.walk(r, 1 << rounds));
             let Some(lesson) = lesson else { return Ok(Self::off()) };
             paths += lesson.paths;
             records += state.learn(lesson, options.records)?;
             clock.last = now().saturating_sub(before);
             rounds += 1;
         }
-        // Both trials take the same numbers where their paths agree, and none of training.
-        let views = stage(u64::from(rounds))?;
         let pilot = if rounds < options.rounds { options.pilot.min(pilot_of(rounds)) } else { options.pilot };
-        let trial = |chooser| over(&views, &clock, &stop, Trial::beside, |r| state.trial(r, pilot, chooser));
-        let Some(plain) = trial(Chooser::Scattering) else { return Ok(Self::off()) };
-        let Some(guided) = trial(Chooser::Guide) else { return Ok(Self::off()) };
+        // Both trials take numbers of their own: each is part of both variances.
+        let trial = |chooser, number: u32| -> Result<Option<Trial>, FitError> {
+            let views = stage(u64::from(rounds + number))?;
+            let run = |r: &Renderer<'_>| state.trial(r, pilot.max(2), chooser);
+            Ok(over_views(&views, &clock, &stop, Trial::beside, run))
+        };
+        let Some(plain) = trial(Chooser::Scattering, 0)? else { return Ok(Self::off()) };
+        let Some(guided) = trial(Chooser::Guide, 1)? else { return Ok(Self::off()) };
         let paths = paths + plain.paths + guided.paths;
         let report =
             GuidingReport { rounds, paths, records, ..GuidingReport::judge(&plain, &guided, options) };
@@ -333,8 +336,8 @@ impl Trained {
     /// Paths of the pilot run.
     fn trial(&self, renderer: &Renderer<'_>, samples: u32, chooser: Chooser) -> Trial {
         match self {
-            Self::Flow(guide) => Trial::run(renderer, samples, &Guided(&**guide), chooser),
-            Self::Lobes(guide) => Trial::run(renderer, samples, &Guided(guide), chooser),
+            Self::Flow(guide) => Trial::run(renderer, samples, &**guide, chooser),
+            Self::Lobes(guide) => Trial::run(renderer, samples, guide, chooser),
         }
     }
 
@@ -368,7 +371,7 @@ fn thinned(mut records: Vec<Record>, most: usize) -> Vec<Record> {
 }
 
 /// What all views come to; `None` where it is stopped.
-fn over<T>(
+fn over_views<T>(
     views: &[Renderer<'_>],
     clock: &Clock<'_>,
     stop: &impl Fn() -> bool,

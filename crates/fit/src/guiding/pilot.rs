@@ -5,6 +5,7 @@
 //! 1997). Light that the scattering function alone meets once in a million paths is no part of the variance of few of its
 //! own paths; those of a guide that looks for it tell it.
 
+use photofit_flow::{Guide, Guided};
 use photofit_image::luminance;
 use photofit_pathtrace::{Contribution, Found, PathVertex, Renderer, Sink};
 use photofit_sampling::{DirectionSample, DirectionSampler, Scattering, Vertex};
@@ -18,7 +19,7 @@ const BLOCK: usize = 4;
 const DARKNESS: f64 = 0.1;
 /// Bounds of the ratio of the densities of a path: more and less make no difference, and could overflow along it.
 const RATIO: [f64; 2] = [1e-30, 1e30];
-/// Part of the second moment below which a variance is rounding.
+/// Part of the second moment below which a variance is rounding: values of paths are in single precision.
 const ROUNDING: f64 = 1e-9;
 
 /// Who chooses directions.
@@ -31,7 +32,7 @@ pub(super) enum Chooser {
 }
 
 /// Paths that one of them chose, pixel by pixel.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub(super) struct Trial {
     pub(super) paths: u64,
     /// Path vertices, and rays without one.
@@ -42,51 +43,49 @@ pub(super) struct Trial {
     pub(super) found_light: bool,
 }
 
-/// Sums over the paths of a pixel. With `p` and `q` for the densities of a path without the guide and with it, `f / p` for the
-/// luminance that it brings without:
+/// Sums over the paths of a pixel, whose densities are `p` without the guide and `q` with it, and which bring `x` without it and `y` with
+/// it (in this order).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Sums {
     paths: f64,
-    /// Of `m = f / (p + q)`: by the paths of both this is the mean.
-    mean: f64,
-    /// Of `m^2`.
-    squares: f64,
-    /// Of `(f / p)^2 p / (p + q)` and `(f / q)^2 q / (p + q)`: the second moments.
+    /// Of the weights `p / (p + q)` and `q / (p + q)`, which are 1 over the paths of both.
+    weight: [f64; 2],
+    /// Of `x` and `y` times their weight: the mean, twice.
+    mean: [f64; 2],
+    /// Of `x^2` and `y^2` times their weight: the second moments.
     second: [f64; 2],
 }
 
 impl Sums {
     fn add(&mut self, path: &Path) {
-        let [plain, guided] = path.values;
-        let share = [1.0 / (1.0 + path.ratio), path.ratio / (1.0 + path.ratio)];
-        let mean = plain * share[0];
+        let weight = [1.0 / (1.0 + path.ratio), path.ratio / (1.0 + path.ratio)];
         self.paths += 1.0;
-        self.mean += mean;
-        self.squares += mean * mean;
-        self.second[0] += plain * plain * share[0];
-        self.second[1] += guided * guided * share[1];
-    }
-
-    /// The square of the mean of `m`, without bias.
-    fn squared_mean(&self) -> f64 {
-        (self.mean * self.mean - self.squares) / (self.paths * (self.paths - 1.0)).max(1.0)
+        for k in 0..2 {
+            self.weight[k] += weight[k];
+            self.mean[k] += path.values[k] * weight[k];
+            self.second[k] += path.values[k] * path.values[k] * weight[k];
+        }
     }
 
     /// Those of a pixel of this mean and these variances, split evenly between the paths of both.
     #[cfg(test)]
     pub(super) fn of(mean: f64, variances: [f64; 2]) -> Self {
-        let square = mean * mean;
-        Self { paths: 2.0, mean, squares: 0.5 * square, second: variances.map(|v| v + square) }
+        let second = variances.map(|v| v + mean * mean);
+        Self { paths: 2.0, weight: [1.0; 2], mean: [mean; 2], second }
     }
 }
 
-/// Of a pixel, by the paths of both: its mean, the square of it, and the second moments of both; without bias.
-fn moments(plain: &Sums, guided: &Sums) -> (f64, f64, [f64; 2]) {
-    let of = |v: &Sums, sum: f64| sum / v.paths.max(1.0);
-    let [a, b] = [of(plain, plain.mean), of(guided, guided.mean)];
-    let square = plain.squared_mean() + guided.squared_mean() + 2.0 * a * b;
-    let second = [0, 1].map(|k| of(plain, plain.second[k]) + of(guided, guided.second[k]));
-    (a + b, square, second)
+/// Of a pixel, by the paths of both: its mean, and the second moments of both around it and around 0.
+fn moments(plain: &Sums, guided: &Sums) -> (f64, [f64; 2], [f64; 2]) {
+    let of = |sums: fn(&Sums) -> [f64; 2]| {
+        let [a, b] = [plain, guided].map(|s| sums(s).map(|v| v / s.paths.max(1.0)));
+        [a[0] + b[0], a[1] + b[1]]
+    };
+    let (weights, means, second) = (of(|s| s.weight), of(|s| s.mean), of(|s| s.second));
+    let mean = 0.5 * (means[0] + means[1]);
+    // Sums of squares, so that what hardly varies is not the difference of two noisy numbers.
+    let around = [0, 1].map(|k| second[k] + mean * (mean * weights[k] - 2.0 * means[k]));
+    (mean, around, second)
 }
 
 /// A path under both samplers.
@@ -114,18 +113,18 @@ struct Densities {
 }
 
 /// Directions of one chooser, with an eye on the other.
-struct Watched<'a, D> {
-    guide: &'a D,
+struct Watched<'a, G> {
+    guide: &'a G,
     chooser: Chooser,
     densities: &'a Densities,
 }
 
-impl<D: DirectionSampler> DirectionSampler for Watched<'_, D> {
-    type Local = D::Local;
+impl<G: Guide> DirectionSampler for Watched<'_, G> {
+    type Local = Option<G::Local>;
 
     #[inline]
     fn local<S: Scattering>(&self, at: &Vertex<'_, S>) -> Self::Local {
-        self.guide.local(at)
+        Guided(self.guide).local(at)
     }
 
     #[inline]
@@ -136,15 +135,20 @@ impl<D: DirectionSampler> DirectionSampler for Watched<'_, D> {
         lobe: f32,
         u: [f32; 2],
     ) -> Option<DirectionSample> {
-        let (sample, ratio) = match self.chooser {
-            Chooser::Guide => {
-                let sample = self.guide.sample(at, local, lobe, u)?;
-                (sample, f64::from(sample.preference))
-            }
-            Chooser::Scattering => {
-                let sample = at.scattering.sample(lobe, u)?;
-                let other = || f64::from(self.guide.eval_pdf(at, local, sample.wi).1);
-                (sample, if sample.delta { 1.0 } else { other() / f64::from(sample.pdf) })
+        let guided = Guided(self.guide);
+        let sample = match self.chooser {
+            Chooser::Guide => guided.sample(at, local, lobe, u)?,
+            Chooser::Scattering => at.scattering.sample(lobe, u)?,
+        };
+        let ratio = match local {
+            Some(local) if sample.delta => 1.0 - f64::from(self.guide.share(local)),
+            None => 1.0,
+            Some(_) => {
+                let [with, without] = match self.chooser {
+                    Chooser::Guide => [sample.pdf, at.scattering.eval_pdf(sample.wi).1],
+                    Chooser::Scattering => [guided.eval_pdf(at, local, sample.wi).1, sample.pdf],
+                };
+                f64::from(with) / f64::from(without)
             }
         };
         self.densities.chosen.set(ratio);
@@ -153,7 +157,7 @@ impl<D: DirectionSampler> DirectionSampler for Watched<'_, D> {
 
     #[inline]
     fn eval_pdf<S: Scattering>(&self, at: &Vertex<'_, S>, local: &Self::Local, wi: Vec3f) -> (Vec3f, f32) {
-        let guided = self.guide.eval_pdf(at, local, wi);
+        let guided = Guided(self.guide).eval_pdf(at, local, wi);
         let plain = at.scattering.eval_pdf(wi);
         self.densities.light.set(f64::from(guided.1) / f64::from(plain.1));
         match self.chooser {
@@ -166,7 +170,7 @@ impl<D: DirectionSampler> DirectionSampler for Watched<'_, D> {
     fn has_lobes<S: Scattering>(&self, at: &Vertex<'_, S>) -> bool {
         match self.chooser {
             Chooser::Scattering => at.scattering.has_lobes(),
-            Chooser::Guide => self.guide.has_lobes(at),
+            Chooser::Guide => Guided(self.guide).has_lobes(at),
         }
     }
 }
@@ -187,16 +191,20 @@ impl Follower<'_> {
         self.densities.chosen.set(1.0);
         self.densities.light.set(1.0);
     }
+
+    /// Counts the last direction, also where the path ends with it: the other may never have chosen it.
+    fn chosen(&mut self) {
+        // Phase functions choose directions in media.
+        self.last = usable(self.densities.chosen.replace(1.0));
+        self.path.ratio = (self.path.ratio * self.last).clamp(RATIO[0], RATIO[1]);
+    }
 }
 
 impl Sink for Follower<'_> {
     fn vertex(&mut self, _: &PathVertex) {
         self.vertices += 1;
-        // Phase functions choose directions in media.
-        let ratio = usable(self.densities.chosen.replace(1.0));
         self.densities.light.set(1.0);
-        self.last = ratio;
-        self.path.ratio = (self.path.ratio * ratio).clamp(RATIO[0], RATIO[1]);
+        self.chosen();
     }
 
     fn contribution(&mut self, light: &Contribution) {
@@ -219,17 +227,17 @@ impl Sink for Follower<'_> {
     }
 }
 
-/// 1 where a density is 0 or not a number: nothing is scattered there.
+/// Within bounds; 1 where neither density is known.
 fn usable(ratio: f64) -> f64 {
-    if ratio > 0.0 && ratio.is_finite() { ratio } else { 1.0 }
+    if ratio.is_nan() { 1.0 } else { ratio.clamp(RATIO[0], RATIO[1]) }
 }
 
 impl Trial {
     /// So many samples of every pixel; rows run on all threads and are joined in order.
-    pub(super) fn run<D: DirectionSampler + Sync>(
+    pub(super) fn run<G: Guide + Sync>(
         renderer: &Renderer<'_>,
         samples: u32,
-        guide: &D,
+        guide: &G,
         chooser: Chooser,
     ) -> Self {
         let options = renderer.options();
@@ -239,11 +247,11 @@ impl Trial {
         parts.into_iter().fold(Self { columns, ..Self::default() }, Self::beside)
     }
 
-    fn row<D: DirectionSampler>(
+    fn row<G: Guide>(
         renderer: &Renderer<'_>,
         (y, columns): (usize, usize),
         samples: u32,
-        guide: &D,
+        guide: &G,
         chooser: Chooser,
     ) -> Self {
         let densities = Densities { chosen: Cell::new(1.0), light: Cell::new(1.0) };
@@ -256,6 +264,7 @@ impl Trial {
             for sample in 0..samples {
                 sink.begin();
                 renderer.walk([x, y], sample, &sampler, &mut sink);
+                sink.chosen();
                 out.found_light |= sink.path.values != [0.0; 2];
                 sums.add(&sink.path);
             }
@@ -290,14 +299,16 @@ pub(super) fn variances(plain: &Trial, guided: &Trial) -> [f64; 2] {
         let sum = &mut blocks[block(i)];
         *sum = [sum[0] + pixel.0, sum[1] + 1.0];
     }
-    let (mut squares, mut seconds) = (0.0, [0.0; 2]);
-    for (i, (_, square, second)) in pixels.into_iter().enumerate() {
+    let (mut found, mut seconds) = ([0.0; 2], [0.0; 2]);
+    for (i, (_, around, second)) in pixels.into_iter().enumerate() {
         let [sum, count] = blocks[block(i)];
         let scale = (sum / count + DARKNESS * mean).powi(2).recip();
-        squares += scale * square;
-        (0..2).for_each(|k| seconds[k] += scale * second[k]);
+        for k in 0..2 {
+            found[k] += scale * around[k];
+            seconds[k] += scale * second[k];
+        }
     }
-    seconds.map(|m| if m - squares > ROUNDING * m { (m - squares) / n } else { 0.0 })
+    [0, 1].map(|k| if found[k] > ROUNDING * seconds[k] { found[k] / n } else { 0.0 })
 }
 
 #[cfg(test)]

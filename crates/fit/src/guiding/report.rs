@@ -19,6 +19,8 @@ pub struct GuidingReport {
     pub variance_ratio: f64,
     /// Work of a path with the guide over that of one without.
     pub work_ratio: f64,
+    /// The gain that was asked for.
+    pub least_gain: f64,
     /// Rounds of training.
     pub rounds: u32,
     /// Paths of training and pilot run.
@@ -41,7 +43,19 @@ impl GuidingReport {
         let work_ratio = guiding.cost() * guided.work as f64 / plain.work as f64;
         let gain = variance_ratio / work_ratio;
         let used = options.least_gain <= 0.0 || gain >= options.least_gain;
-        Self { guiding, used, found, gain, variance_ratio, work_ratio, rounds: 0, paths: 0, records: 0 }
+        let least_gain = options.least_gain;
+        Self {
+            guiding,
+            used,
+            found,
+            gain,
+            variance_ratio,
+            work_ratio,
+            least_gain,
+            rounds: 0,
+            paths: 0,
+            records: 0,
+        }
     }
 
     /// One sentence for people.
@@ -56,7 +70,7 @@ impl GuidingReport {
         let state = match self.used {
             true => "is on",
             false if gain.is_nan() => "is off",
-            false => "switched itself off, it does not pay with so many samples",
+            false => &format!("switched itself off, a gain of {} is asked for", self.least_gain),
         };
         format!("guiding ({}) {state}: {why}", self.guiding.name())
     }

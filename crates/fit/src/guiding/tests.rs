@@ -54,7 +54,7 @@ pub(super) fn inside() -> View {
 }
 
 /// A floor under an even sky: nothing to learn.
-fn open() -> World {
+pub(super) fn open() -> World {
     let mut parts = Parts::default();
     parts.add(
         Shape::Mesh(parallelogram(vec3(-1.0, 0.0, -1.0), vec3(0.0, 0.0, 2.0), vec3(2.0, 0.0, 0.0))),
@@ -275,7 +275,7 @@ fn training_is_a_part_of_the_picture() {
         let pixels = (side.min(found.side) as u64).pow(2);
         let paths = ((1 << rounds) - 1 + 2 * u64::from(found.pilot)) * pixels;
         let all = f64::from(spp) * (side * side) as f64;
-        assert!(work(&found, paths, pixels) <= PART * all || trained == 24, "{told}");
+        assert!(work(&found, paths, pixels) <= PART * all || spp == 16 && trained == 24, "{told}");
     }
     // Small pictures pay for three rounds and a pilot run, 7 and twice 4 paths a pixel.
     let world = rooms();
@@ -389,7 +389,6 @@ fn no_light_and_no_noise_are_judged_and_told() {
     for (mean, variances, found, used, gain, why) in [
         (1.0, [4.0, 1.0], true, true, 2.5, "gain 2.50"),
         (1.0, [4.0, 4.0], true, false, 0.625, "gain 0.62"),
-        (1.0, [4.0, 1.0], false, true, 2.5, "gain 2.50"),
         (1.0, [4.0, 0.0], true, true, f64::INFINITY, "no noise with it"),
         (1.0, [0.0, 4.0], true, false, 0.0, "gain 0.00"),
         (1.0, [0.0, 0.0], true, false, f64::NAN, "no noise"),

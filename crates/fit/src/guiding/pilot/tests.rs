@@ -1,16 +1,17 @@
 //! Both samplers tell the same of each other as their own paths do.
 
-use super::super::tests::{grey, inside, options, rooms, small, two_rooms};
+use super::super::tests::{grey, inside, open, options, rooms, small, two_rooms};
 use super::super::{Guidance, Guiding, Trained};
 use super::*;
-use photofit_flow::Guided;
-use photofit_pathtrace::{Material, Shape, World};
+use glam::Vec3;
+use photofit_pathtrace::{Material, Shape, View, World};
 use photofit_scalar::vec3;
+use photofit_scene::Camera;
 use photofit_shading::Surface;
 use photofit_shading::bsdf::{Bsdf, Energy, MetallicRoughness};
 
 /// All paths of a small picture under both samplers.
-fn paths<D: DirectionSampler + Sync>(renderer: &Renderer<'_>, guide: &D, chooser: Chooser) -> Vec<Path> {
+fn paths<G: Guide>(renderer: &Renderer<'_>, guide: &G, chooser: Chooser) -> Vec<Path> {
     let densities = Densities { chosen: Cell::new(1.0), light: Cell::new(1.0) };
     let sampler = Watched { guide, chooser, densities: &densities };
     let mut sink = Follower { chooser, densities: &densities, path: Path::default(), last: 1.0, vertices: 0 };
@@ -20,6 +21,7 @@ fn paths<D: DirectionSampler + Sync>(renderer: &Renderer<'_>, guide: &D, chooser
         for sample in 0..own.spp {
             sink.begin();
             renderer.walk([pixel % own.width, pixel / own.width], sample, &sampler, &mut sink);
+            sink.chosen();
             all.push(sink.path);
         }
     }
@@ -36,25 +38,33 @@ fn mean(values: impl Iterator<Item = f64>) -> [f64; 2] {
     [mean, ((squares / n - mean * mean).max(0.0) / n).sqrt()]
 }
 
-fn agree(told: &str, [a, ea]: [f64; 2], [b, eb]: [f64; 2]) {
+/// Equal within four standard errors, which are at most `most` of the first.
+fn agree(told: &str, most: f64, [a, ea]: [f64; 2], [b, eb]: [f64; 2]) {
     let sigma = ea.hypot(eb);
     assert!((a - b).abs() < 4.0 * sigma, "{told}: {a} +- {ea}, {b} +- {eb}");
-    assert!(sigma < 0.15 * a, "{told}: {a} +- {ea}, {b} +- {eb} says nothing");
+    assert!(sigma < most * a, "{told}: {a} +- {ea}, {b} +- {eb} says nothing");
 }
 
-fn compared<D: DirectionSampler + Sync>(renderer: &Renderer<'_>, guide: &D) {
+fn compared<G: Guide>(renderer: &Renderer<'_>, guide: &G) {
     let plain = paths(renderer, guide, Chooser::Scattering);
     let guided = paths(renderer, guide, Chooser::Guide);
     assert!(plain.iter().chain(&guided).any(|p| (p.ratio - 1.0).abs() > 0.3), "the guide does something");
     let of = |all: &[Path], f: &dyn Fn(&Path) -> f64| mean(all.iter().map(f));
-    agree("mean", of(&plain, &|p| p.values[0]), of(&guided, &|p| p.values[1]));
-    agree("mean told", of(&plain, &|p| p.values[0]), of(&guided, &|p| p.values[0] / p.ratio));
-    agree("mean told back", of(&guided, &|p| p.values[1]), of(&plain, &|p| p.values[1] * p.ratio));
+    let of_weight = |f: &dyn Fn(&Path) -> f64| {
+        let [a, ea] = of(&plain, f);
+        let [b, eb] = of(&guided, f);
+        [a + b, ea.hypot(eb)]
+    };
+    agree("weights without", 0.01, [1.0, 0.0], of_weight(&|p| 1.0 / (1.0 + p.ratio)));
+    agree("weights with", 0.01, [1.0, 0.0], of_weight(&|p| p.ratio / (1.0 + p.ratio)));
+    agree("mean", 0.03, of(&plain, &|p| p.values[0]), of(&guided, &|p| p.values[1]));
+    agree("mean told", 0.03, of(&plain, &|p| p.values[0]), of(&guided, &|p| p.values[0] / p.ratio));
+    agree("mean told back", 0.03, of(&guided, &|p| p.values[1]), of(&plain, &|p| p.values[1] * p.ratio));
     let square = |v: f64| v * v;
     let direct = of(&plain, &|p| square(p.values[0]));
-    agree("second moment without", direct, of(&guided, &|p| square(p.values[0]) / p.ratio));
+    agree("second moment without", 0.1, direct, of(&guided, &|p| square(p.values[0]) / p.ratio));
     let direct = of(&guided, &|p| square(p.values[1]));
-    agree("second moment with", direct, of(&plain, &|p| square(p.values[1]) * p.ratio));
+    agree("second moment with", 0.1, direct, of(&plain, &|p| square(p.values[1]) * p.ratio));
 }
 
 #[test]
@@ -74,15 +84,15 @@ fn each_chooser_tells_what_the_other_would_have_brought() {
             let renderer = Renderer::new(&world, &inside(), options(8, spp, 3)).unwrap();
             let guidance = Guidance::train(&renderer, &small(guiding), || false).unwrap();
             match guidance.trained.as_ref().unwrap() {
-                Trained::Flow(guide) => compared(&renderer, &Guided(&**guide)),
-                Trained::Lobes(guide) => compared(&renderer, &Guided(guide)),
+                Trained::Flow(guide) => compared(&renderer, &**guide),
+                Trained::Lobes(guide) => compared(&renderer, guide),
             }
         }
     }
 }
 
 #[test]
-fn moments_are_without_bias() {
+fn sums_are_without_bias() {
     // A path brings 0 or 3; without the guide it is one of two alike, with it the second in three of four.
     let probability = [[0.5, 0.5], [0.25, 0.75]];
     let f = [0.0, 1.5];
@@ -90,26 +100,68 @@ fn moments_are_without_bias() {
         let [p, q] = [probability[0][k], probability[1][k]];
         Path { values: [f[k] / p, f[k] / q], ratio: q / p }
     };
-    let mut expected = (0.0, 0.0, [0.0; 2]);
-    for outcome in 0..16_usize {
-        let mut sums = [Sums::default(); 2];
-        let mut weight = 1.0;
-        for i in 0..4 {
-            let (chooser, k) = (i / 2, outcome >> i & 1);
-            sums[chooser].add(&path(k));
-            weight *= probability[chooser][k];
-        }
-        let (mean, square, second) = moments(&sums[0], &sums[1]);
-        expected.0 += weight * mean;
-        expected.1 += weight * square;
-        (0..2).for_each(|k| expected.2[k] += weight * second[k]);
+    let mut expected = Sums::default();
+    for (chooser, k) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+        let mut one = Sums::default();
+        one.add(&path(k));
+        let part = probability[chooser][k];
+        (0..2).for_each(|k| expected.mean[k] += part * one.mean[k]);
+        (0..2).for_each(|k| expected.weight[k] += part * one.weight[k]);
+        (0..2).for_each(|k| expected.second[k] += part * one.second[k]);
     }
     let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
-    close(expected.0, 1.5);
-    close(expected.1, 2.25);
+    (0..2).for_each(|k| close(expected.mean[k], 1.5));
     // (3 / 2)^2 / p and / q.
-    close(expected.2[0], 4.5);
-    close(expected.2[1], 3.0);
+    let second = [4.5, 3.0];
+    (0..2).for_each(|k| close(expected.weight[k], 1.0));
+    (0..2).for_each(|k| close(expected.second[k], second[k]));
+    let (mean, around, all) = moments(&expected, &Sums::default());
+    close(mean, 1.5);
+    (0..2).for_each(|k| close(all[k], second[k]));
+    (0..2).for_each(|k| close(around[k], second[k] - 2.25));
+}
+
+#[test]
+fn what_hardly_varies_has_no_negative_variance() {
+    // Light of the first vertex, behind which paths end more often with the guide than without: 1 each time.
+    for (ends, goes_on) in [(1e30, 0.5), (1e30, 0.9), (1.0, 1.0)] {
+        let mut sums = [Sums::default(); 2];
+        for i in 0..4 {
+            let ratio = [goes_on, if i == 0 { ends } else { goes_on }];
+            (0..2).for_each(|k| sums[k].add(&Path { values: [1.0; 2], ratio: ratio[k] }));
+        }
+        let (mean, around, _) = moments(&sums[0], &sums[1]);
+        assert!(mean > 0.5 && around.iter().all(|v| *v > -1e-12 && *v < 0.5), "{mean} {around:?}");
+    }
+}
+
+#[test]
+fn variances_are_those_of_many_samples() {
+    // 4 x 4 pixels are one block.
+    let above = {
+        let eye = Vec3::new(0.0, 1.0, 2.0);
+        View::pinhole(&Camera::look_at(eye, Vec3::ZERO, Vec3::Y, 0.8, 1.0, 0.01, 10.0))
+    };
+    for (world, view, spp) in [(rooms(), inside(), 16_384), (open(), above, 1024)] {
+        let renderer = Renderer::new(&world, &view, options(4, spp, 3)).unwrap();
+        let guidance = Guidance::train(&renderer, &small(Guiding::Lobes), || false).unwrap();
+        let Some(Trained::Lobes(guide)) = &guidance.trained else { panic!("lobes") };
+        let choosers = [Chooser::Scattering, Chooser::Guide];
+        let direct = [0, 1].map(|k| {
+            let all = paths(&renderer, guide, choosers[k]);
+            let pixels = all.chunks_exact(spp as usize).map(|own| {
+                let [_, error] = mean(own.iter().map(|p| p.values[k]));
+                error * error * f64::from(spp)
+            });
+            pixels.sum::<f64>() / 16.0
+        });
+        let brightness = mean(paths(&renderer, guide, Chooser::Guide).iter().map(|p| p.values[1]))[0];
+        let run = |k: usize| Trial::run(&renderer, spp / 4, guide, choosers[k]);
+        let found = variances(&run(0), &run(1)).map(|v| v * (1.1 * brightness).powi(2));
+        for k in 0..2 {
+            assert!((found[k] / direct[k] - 1.0).abs() < 0.15, "{found:?} {direct:?}");
+        }
+    }
 }
 
 #[test]
