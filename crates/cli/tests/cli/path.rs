@@ -95,7 +95,7 @@ fn a_guided_render_goes_on_to_the_same_bits() {
     write_rock(d, 8, true);
     let size = ["render", "rock.glb", "--integrator", "path", "--width", "96", "--height", "64"];
     // So few samples are worth so many rounds, with a limit and without.
-    for (guide, spp, rounds) in [("lobes", "256", 4), ("flow", "120", 3)] {
+    for (guide, spp, rounds) in [("lobes", "400", 4), ("flow", "120", 3)] {
         let forced = ["--guiding", guide, "--least-gain", "0", "--spp", spp];
         let line = |output, more: &[&'static str]| [&size[..], &["-o", output], &forced, more].concat();
         succeeds(d, &line("whole.exr", &[]));
