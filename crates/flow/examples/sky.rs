@@ -3,7 +3,7 @@
 //! `cargo run --release -p photofit-flow --example sky`
 #![expect(clippy::print_stdout, reason = "an example reports on its stream")]
 
-use photofit_flow::{FlowError, FlowGuide, FlowOptions, Guide, Query, Record};
+use photofit_flow::{FlowError, FlowGuide, FlowOptions, Guide, Learn, Query, Record};
 use photofit_sampling::{Rng, cosine_hemisphere, cosine_hemisphere_pdf};
 use photofit_scalar::{Vec3f, vec3};
 

@@ -1,6 +1,10 @@
 //! A stack of coupling layers on the unit square, conditioned on features: each layer keeps one coordinate and warps the
 //! other with a spline whose logits a network makes from the features and the kept coordinate.
 
+mod wave;
+
+pub use wave::Asked;
+
 use crate::elementary::sin_cos_pi;
 use crate::network::{HIDDEN, Hidden, LANES, Network};
 use crate::spline::{BINS_MAX, Family, Spline};

@@ -3,11 +3,12 @@
 mod batch;
 
 use crate::FlowError;
-use crate::coupling::{CONDITION_MAX, Conditioned, Couplings};
+use crate::coupling::{Asked, CONDITION_MAX, Conditioned, Couplings};
 use crate::domain::{Chart, Domain};
 use crate::elementary::exp;
 use crate::encoding::Encoding;
-use crate::guide::{Guide, Query, Record, SHARE};
+use crate::guide::{Guide, Learn, Query, Record, SHARE};
+use crate::network::WAVE;
 use crate::spline::Family;
 use photofit_optim::{Optimizer, Temporal};
 use photofit_sampling::Rng;
@@ -263,6 +264,45 @@ impl Guide for FlowGuide {
         self.couplings.forward(&self.frozen.network, &local.condition, x).1 * density
     }
 
+    fn sample_all(&self, asked: &[(&FlowLocal, [f32; 2])], answers: &mut [Option<(Vec3f, f32)>]) {
+        for (asked, answers) in asked.chunks(WAVE).zip(answers.chunks_mut(WAVE)) {
+            let [first, ..] = asked else { continue };
+            let mut points: [Asked<'_, f32>; WAVE] = [(&first.0.condition, first.1); WAVE];
+            for (point, (local, u)) in points.iter_mut().zip(asked) {
+                *point = (&local.condition, *u);
+            }
+            let mut warped = [([0.0; 2], 0.0); WAVE];
+            let n = asked.len();
+            self.couplings.inverse_all(&self.frozen.network, &points[..n], &mut warped[..n]);
+            for ((answer, (local, _)), (x, q)) in answers.iter_mut().zip(asked).zip(warped) {
+                *answer = local.chart.direction(x).map(|(wi, density)| (wi, q * density));
+            }
+        }
+    }
+
+    fn pdf_all(&self, asked: &[(&FlowLocal, Vec3f)], answers: &mut [f32]) {
+        for (asked, answers) in asked.chunks(WAVE).zip(answers.chunks_mut(WAVE)) {
+            let [first, ..] = asked else { continue };
+            let mut points: [Asked<'_, f32>; WAVE] = [(&first.0.condition, [0.0; 2]); WAVE];
+            // Directions that the chart does not make keep a density of 0.
+            let mut densities = [0.0; WAVE];
+            for ((point, density), (local, wi)) in points.iter_mut().zip(&mut densities).zip(asked) {
+                point.0 = &local.condition;
+                if let Some((x, own)) = local.chart.point(*wi) {
+                    (point.1, *density) = (x, own);
+                }
+            }
+            let mut warped = [([0.0; 2], 0.0); WAVE];
+            let n = asked.len();
+            self.couplings.forward_all(&self.frozen.network, &points[..n], &mut warped[..n]);
+            for ((answer, own), (_, q)) in answers.iter_mut().zip(densities).zip(warped) {
+                *answer = if own > 0.0 { q * own } else { 0.0 };
+            }
+        }
+    }
+}
+
+impl Learn for FlowGuide {
     fn learn(&mut self, records: &[Record]) -> Result<(), FlowError> {
         self.train(records)
     }

@@ -51,7 +51,7 @@ pub const SHARE: [f32; 2] = [0.02, 0.5];
 /// A learned density of directions.
 ///
 /// All answers are functions of what was learned and of the arguments alone, bitwise the same for any number of threads.
-pub trait Guide: Sync {
+pub trait Guide {
     /// What answers at one vertex share.
     type Local;
 
@@ -69,6 +69,23 @@ pub trait Guide: Sync {
     /// Density of [`Self::sample`] at `wi`, 1/sr.
     fn pdf(&self, local: &Self::Local, wi: Vec3f) -> f32;
 
+    /// [`Self::sample`] of each, to the same bits; as many `answers` as are asked for.
+    fn sample_all(&self, asked: &[(&Self::Local, [f32; 2])], answers: &mut [Option<(Vec3f, f32)>]) {
+        for ((local, u), answer) in asked.iter().zip(answers) {
+            *answer = self.sample(local, *u);
+        }
+    }
+
+    /// [`Self::pdf`] of each, to the same bits; as many `answers` as are asked for.
+    fn pdf_all(&self, asked: &[(&Self::Local, Vec3f)], answers: &mut [f32]) {
+        for ((local, wi), answer) in asked.iter().zip(answers) {
+            *answer = self.pdf(local, *wi);
+        }
+    }
+}
+
+/// A guide that learns.
+pub trait Learn: Guide + Sync {
     /// Learns from records, which were made with the directions of the present state; what later answers come from is
     /// replaced at the end, or at fixed numbers of steps on the way.
     ///
@@ -94,6 +111,8 @@ fn query<S>(at: &Vertex<'_, S>) -> Query {
 impl<G: Guide> DirectionSampler for Guided<'_, G> {
     /// None where there are delta lobes alone.
     type Local = Option<G::Local>;
+
+    const COSTLY: bool = true;
 
     #[inline]
     fn local<S: Scattering>(&self, at: &Vertex<'_, S>) -> Self::Local {
@@ -139,12 +158,10 @@ impl<G: Guide> DirectionSampler for Guided<'_, G> {
     }
 
     #[inline]
-    fn eval_pdf<S: Scattering>(&self, at: &Vertex<'_, S>, local: &Self::Local, wi: Vec3f) -> (Vec3f, f32) {
-        let (value, pdf) = at.scattering.eval_pdf(wi);
-        // A light that the surface does not scatter needs no weight.
-        let Some(local) = local.as_ref().filter(|_| value != Vec3f::zero()) else { return (value, pdf) };
+    fn pdf<S: Scattering>(&self, _: &Vertex<'_, S>, local: &Self::Local, wi: Vec3f, own: f32) -> f32 {
+        let Some(local) = local else { return own };
         let share = self.0.share(local);
-        (value, pdf * (1.0 - share) + self.0.pdf(local, wi) * share)
+        own * (1.0 - share) + self.0.pdf(local, wi) * share
     }
 
     #[inline]

@@ -7,7 +7,7 @@
 //! `photofit-sampling`.
 //!
 //! ```
-//! use photofit_flow::{FlowGuide, FlowOptions, Guide, Query, Record};
+//! use photofit_flow::{FlowGuide, FlowOptions, Guide, Learn, Query, Record};
 //! use photofit_sampling::{Rng, cosine_hemisphere, cosine_hemisphere_pdf};
 //! use photofit_scalar::{Vec3f, vec3};
 //! let mut guide = FlowGuide::new(Vec3f::zero(), Vec3f::splat(1.0), FlowOptions::default())?;
@@ -40,12 +40,14 @@ mod lobes;
 pub mod network;
 pub mod spline;
 mod tensor;
+mod waves;
 
 pub use domain::{Chart, Domain};
 pub use encoding::Encoding;
 pub use error::FlowError;
 pub use flow::{FlowGuide, FlowLocal, FlowOptions};
 pub use grid::Grid;
-pub use guide::{Guide, Guided, Query, Record, SHARE};
+pub use guide::{Guide, Guided, Learn, Query, Record, SHARE};
 pub use lobes::{LobeGuide, LobeLocal, LobeOptions};
 pub use tensor::Tensor;
+pub use waves::Waves;

@@ -12,6 +12,10 @@ pub const HIDDEN: usize = 32;
 pub const LANES: usize = 16;
 /// Slope of the rectifier below zero.
 const LEAK: f64 = 0.01;
+/// Vertices that are answered side by side, one in each lane of a vector.
+pub const WAVE: usize = 16;
+/// Outputs that are summed side by side then, each for a whole vector of vertices.
+const BLOCK: usize = 4;
 
 /// Two hidden layers of [`HIDDEN`] units between `inputs` numbers and `outputs` numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -96,6 +100,24 @@ impl Network {
         affine(&weights[a + b..], two, &mut y[..self.outputs]);
     }
 
+    /// [`Self::rest`] for many vertices, one in each lane, to the same bits. `first` becomes the first hidden layer.
+    #[inline(always)]
+    pub fn rest_of_wave<T: Real>(
+        self,
+        weights: &[T],
+        first: &mut [[T; WAVE]; HIDDEN],
+        x: &[[T; WAVE]],
+        y: &mut [[T; WAVE]],
+    ) {
+        let [a, b, _] = self.parts();
+        let mut second = [[T::zero(); WAVE]; HIDDEN];
+        add_wave(first, &weights[a - x.len() * HIDDEN..a], x);
+        rectify(first.as_flattened_mut());
+        affine_wave(&weights[a..a + b], first, &mut second);
+        rectify(second.as_flattened_mut());
+        affine_wave(&weights[a + b..], &second, &mut y[..self.outputs]);
+    }
+
     /// Adds to the gradients of the weights and of `x` for those of the outputs.
     #[inline(always)]
     pub fn forward_vjp<T: Real>(
@@ -145,6 +167,41 @@ fn affine<T: Real>(weights: &[T], x: &[T], y: &mut [T]) {
     for (c, y) in rest.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
         y.copy_from_slice(&bias[done + c * LANES..][..LANES]);
         *y = add(*y, &rows[done + c * LANES..], outputs, x);
+    }
+}
+
+/// [`affine`] of a vector in each lane.
+#[inline(always)]
+fn affine_wave<T: Real>(weights: &[T], x: &[[T; WAVE]], y: &mut [[T; WAVE]]) {
+    let (bias, rows) = weights.split_at(y.len());
+    for (y, bias) in y.iter_mut().zip(bias) {
+        *y = [*bias; WAVE];
+    }
+    add_wave(y, rows, x);
+}
+
+/// [`add`] of a vector in each lane, whose outputs come in blocks.
+#[inline(always)]
+fn add_wave<T: Real>(y: &mut [[T; WAVE]], weights: &[T], x: &[[T; WAVE]]) {
+    let outputs = y.len();
+    for (c, block) in y.as_chunks_mut::<BLOCK>().0.iter_mut().enumerate() {
+        let [mut s, mut t, mut u, mut v] = *block;
+        let rows = weights[c * BLOCK..].chunks(outputs).filter_map(|row| row.first_chunk::<BLOCK>());
+        for (row, x) in rows.zip(x) {
+            for l in 0..WAVE {
+                s[l] += row[0] * x[l];
+            }
+            for l in 0..WAVE {
+                t[l] += row[1] * x[l];
+            }
+            for l in 0..WAVE {
+                u[l] += row[2] * x[l];
+            }
+            for l in 0..WAVE {
+                v[l] += row[3] * x[l];
+            }
+        }
+        *block = [s, t, u, v];
     }
 }
 

@@ -1,5 +1,7 @@
 //! The renderer: passes over the tiles of a film until enough samples are taken.
 
+mod wave;
+
 use crate::PathtraceError;
 use crate::camera::{Prepared, View};
 use crate::error::invalid;
@@ -10,7 +12,7 @@ use crate::plan::{self, Features, RenderPlan};
 use crate::random::{PathRandom, PixelRandom};
 use crate::world::{World, WorldRay};
 use photofit_image::Image;
-use photofit_sampling::{DirectionSampler, SobolPoint};
+use photofit_sampling::{DirectionSampler, SideBySide, SobolPoint};
 use photofit_scalar::vec2;
 use rayon::prelude::*;
 
@@ -235,6 +237,26 @@ impl<'a> Renderer<'a> {
         )
     }
 
+    /// As [`Self::pass_with`], to the same bits, with paths that are walked side by side: what they ask of their sampler is
+    /// answered together.
+    pub fn pass_side_by_side<W: SideBySide + Sync>(
+        &mut self,
+        walker: &W,
+        stop: impl Fn() -> bool + Sync,
+    ) -> Progress {
+        let aovs = !self.options.aovs.is_empty();
+        if self.plan.needs.contains(Features(plan::VOLUMES)) {
+            self.pass_of(self.target(), stop, |job, tile| {
+                wave::tile::<{ plan::ALL }, W>(job, tile, walker, aovs);
+            });
+        } else {
+            self.pass_of(self.target(), stop, |job, tile| {
+                wave::tile::<{ plan::SAMPLED }, W>(job, tile, walker, aovs);
+            });
+        }
+        self.progress()
+    }
+
     fn pass_by(
         &mut self,
         kernel: impl Fn(&World, &WorldRay, &PathRandom, &PathOptions) -> PathSample + Sync,
@@ -251,13 +273,24 @@ impl<'a> Renderer<'a> {
         kernel: impl Fn(&World, &WorldRay, &PathRandom, &PathOptions) -> PathSample + Sync,
         stop: impl Fn() -> bool + Sync,
     ) {
+        self.pass_of(target, stop, |job, tile| job.tile(tile, &kernel));
+    }
+
+    /// Adds samples by `work` to all tiles that have fewer than `target`.
+    fn pass_of(
+        &mut self,
+        target: u32,
+        stop: impl Fn() -> bool + Sync,
+        work: impl Fn(&Job<'_>, &mut Tile) + Sync,
+    ) {
         let observer = self.observer();
         let recorder = self.film.recorder(&observer);
         let mut tiles = std::mem::take(&mut self.film.tiles);
-        let job = Job { renderer: self, camera: observer.camera, recorder: &recorder, kernel, target };
+        let job = Job { renderer: self, camera: observer.camera, recorder: &recorder, target };
         tiles.par_iter_mut().filter(|t| t.active && t.count < target).for_each(|tile| {
             if !stop() {
-                job.tile(tile);
+                work(&job, tile);
+                tile.count = target;
             }
         });
         self.film.tiles = tiles;
@@ -420,30 +453,39 @@ impl<'a> Renderer<'a> {
 }
 
 /// One pass.
-struct Job<'a, K> {
+struct Job<'a> {
     renderer: &'a Renderer<'a>,
     camera: Prepared,
     recorder: &'a Recorder<'a>,
-    kernel: K,
     target: u32,
 }
 
-impl<K: Fn(&World, &WorldRay, &PathRandom, &PathOptions) -> PathSample> Job<'_, K> {
-    fn tile(&self, tile: &mut Tile) {
+impl Job<'_> {
+    /// Pixel `i` of a tile, and its random numbers.
+    #[inline(always)]
+    fn pixel(&self, tile: &Tile, i: usize) -> ([usize; 2], PixelRandom) {
+        let options = &self.renderer.options;
+        let (x, y) = (tile.x + i % tile.width, tile.y + i / tile.width);
+        ([x, y], PixelRandom::new(options.seed, (y * options.width + x) as u64))
+    }
+
+    #[inline(always)]
+    fn tile(
+        &self,
+        tile: &mut Tile,
+        kernel: impl Fn(&World, &WorldRay, &PathRandom, &PathOptions) -> PathSample,
+    ) {
         let options = &self.renderer.options;
         for i in 0..tile.width * tile.height {
-            let (x, y) = (tile.x + i % tile.width, tile.y + i / tile.width);
-            let pixel = (y * options.width + x) as u64;
-            let mut pixel = PixelRandom::new(options.seed, pixel);
+            let (at, mut pixel) = self.pixel(tile, i);
             let first = tile.count;
             let samples = (first..self.target).map(|index| {
                 let random = pixel.sample(index);
-                let ray = primary_ray(options, &self.camera, [x, y], &random);
-                (self.kernel)(self.renderer.world, &ray, &random, &options.path)
+                let ray = primary_ray(options, &self.camera, at, &random);
+                kernel(self.renderer.world, &ray, &random, &options.path)
             });
             self.recorder.add(tile, i, first, samples);
         }
-        tile.count = self.target;
     }
 }
 

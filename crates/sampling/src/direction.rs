@@ -75,6 +75,9 @@ pub trait DirectionSampler {
     /// What the answers at one vertex share.
     type Local;
 
+    /// Whether [`Self::pdf`] costs more than to see whether something is in the way.
+    const COSTLY: bool;
+
     /// Prepares answers at a vertex.
     fn local<S: Scattering>(&self, at: &Vertex<'_, S>) -> Self::Local;
 
@@ -87,11 +90,23 @@ pub trait DirectionSampler {
         u: [f32; 2],
     ) -> Option<DirectionSample>;
 
-    /// `f |cos theta_i|` of the surface without delta lobes, and the density with which [`Self::sample`] makes `wi`.
-    fn eval_pdf<S: Scattering>(&self, at: &Vertex<'_, S>, local: &Self::Local, wi: Vec3f) -> (Vec3f, f32);
+    /// The density with which [`Self::sample`] makes `wi`, where the scattering function alone has the density `own`.
+    fn pdf<S: Scattering>(&self, at: &Vertex<'_, S>, local: &Self::Local, wi: Vec3f, own: f32) -> f32;
 
     /// Whether [`Self::sample`] reads `lobe`.
     fn has_lobes<S: Scattering>(&self, at: &Vertex<'_, S>) -> bool;
+}
+
+/// Paths that can be walked with directions of any sampler.
+pub trait Paths {
+    /// Walks one of them to its end.
+    fn walk<D: DirectionSampler>(&self, path: usize, sampler: &D);
+}
+
+/// Walks many paths side by side, so that what they ask of a sampler can be answered together.
+pub trait SideBySide {
+    /// Walks the paths from 0 to `count - 1`, each of them once and on this thread. They begin in order, but take turns.
+    fn walk_all<P: Paths>(&self, count: usize, paths: &P);
 }
 
 /// The scattering function's own sampling.
@@ -100,6 +115,8 @@ pub struct ScatteringSampler;
 
 impl DirectionSampler for ScatteringSampler {
     type Local = ();
+
+    const COSTLY: bool = false;
 
     #[inline(always)]
     fn local<S: Scattering>(&self, _: &Vertex<'_, S>) {}
@@ -116,8 +133,8 @@ impl DirectionSampler for ScatteringSampler {
     }
 
     #[inline(always)]
-    fn eval_pdf<S: Scattering>(&self, at: &Vertex<'_, S>, _: &Self::Local, wi: Vec3f) -> (Vec3f, f32) {
-        at.scattering.eval_pdf(wi)
+    fn pdf<S: Scattering>(&self, _: &Vertex<'_, S>, _: &Self::Local, _: Vec3f, own: f32) -> f32 {
+        own
     }
 
     #[inline(always)]

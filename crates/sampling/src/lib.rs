@@ -27,7 +27,9 @@ mod statistics;
 
 pub use alias::{AliasError, AliasSample, AliasTable};
 pub use bilinear::Bilinear;
-pub use direction::{DirectionSample, DirectionSampler, Scattering, ScatteringSampler, Vertex};
+pub use direction::{
+    DirectionSample, DirectionSampler, Paths, Scattering, ScatteringSampler, SideBySide, Vertex,
+};
 pub use mis::{balance_heuristic, power_heuristic};
 pub use normal::inverse_normal_cdf;
 pub use rng::{Rng, SplitMix64, WGSL, hash, unit_f32, unit_f64};

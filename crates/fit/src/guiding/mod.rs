@@ -17,7 +17,7 @@ mod training;
 
 use crate::FitError;
 use clock::Clock;
-use photofit_flow::{FlowGuide, FlowOptions, Guide, Guided, LobeGuide, LobeOptions, Record};
+use photofit_flow::{FlowGuide, FlowOptions, Guided, Learn, LobeGuide, LobeOptions, Record, Waves};
 use photofit_image::Image;
 use photofit_pathtrace::{
     Adjoint, Gradient, GradientSamples, Integrator, PathtraceError, Progress, RenderOptions, Renderer,
@@ -318,7 +318,7 @@ impl Guidance {
     pub fn pass(&self, renderer: &mut Renderer<'_>, stop: impl Fn() -> bool + Sync) -> Progress {
         match &self.trained {
             None => renderer.pass(stop),
-            Some(Trained::Flow(guide)) => renderer.pass_with(&Guided(&**guide), stop),
+            Some(Trained::Flow(guide)) => renderer.pass_side_by_side(&Waves(&**guide), stop),
             Some(Trained::Lobes(guide)) => renderer.pass_with(&Guided(guide), stop),
         }
     }

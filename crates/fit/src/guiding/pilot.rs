@@ -122,6 +122,8 @@ struct Watched<'a, G> {
 impl<G: Guide> DirectionSampler for Watched<'_, G> {
     type Local = Option<G::Local>;
 
+    const COSTLY: bool = true;
+
     #[inline]
     fn local<S: Scattering>(&self, at: &Vertex<'_, S>) -> Self::Local {
         Guided(self.guide).local(at)
@@ -146,7 +148,7 @@ impl<G: Guide> DirectionSampler for Watched<'_, G> {
             Some(_) => {
                 let [with, without] = match self.chooser {
                     Chooser::Guide => [sample.pdf, at.scattering.eval_pdf(sample.wi).1],
-                    Chooser::Scattering => [guided.eval_pdf(at, local, sample.wi).1, sample.pdf],
+                    Chooser::Scattering => [guided.pdf(at, local, sample.wi, sample.pdf), sample.pdf],
                 };
                 f64::from(with) / f64::from(without)
             }
@@ -156,12 +158,11 @@ impl<G: Guide> DirectionSampler for Watched<'_, G> {
     }
 
     #[inline]
-    fn eval_pdf<S: Scattering>(&self, at: &Vertex<'_, S>, local: &Self::Local, wi: Vec3f) -> (Vec3f, f32) {
-        let guided = Guided(self.guide).eval_pdf(at, local, wi);
-        let plain = at.scattering.eval_pdf(wi);
-        self.densities.light.set(f64::from(guided.1) / f64::from(plain.1));
+    fn pdf<S: Scattering>(&self, at: &Vertex<'_, S>, local: &Self::Local, wi: Vec3f, own: f32) -> f32 {
+        let guided = Guided(self.guide).pdf(at, local, wi, own);
+        self.densities.light.set(f64::from(guided) / f64::from(own));
         match self.chooser {
-            Chooser::Scattering => plain,
+            Chooser::Scattering => own,
             Chooser::Guide => guided,
         }
     }

@@ -8,7 +8,7 @@ mod parallax;
 mod vmf;
 
 use crate::FlowError;
-use crate::guide::{Guide, Query, Record};
+use crate::guide::{Guide, Learn, Query, Record};
 use leaf::Leaf;
 use mixture::Mixture;
 use parallax::{extent, median};
@@ -177,7 +177,9 @@ impl Guide for LobeGuide {
     fn pdf(&self, local: &LobeLocal, wi: Vec3f) -> f32 {
         local.lobes.density(wi)
     }
+}
 
+impl Learn for LobeGuide {
     fn learn(&mut self, records: &[Record]) -> Result<(), FlowError> {
         let unguided = !self.began;
         let useful: Vec<u32> =

@@ -2,9 +2,11 @@
 
 mod quadratic;
 mod rational;
+mod wave;
 
 pub use quadratic::Quadratic;
 pub use rational::Rational;
+pub(crate) use wave::warp_wave;
 
 use crate::elementary::exp;
 use photofit_scalar::{Real, halved_sum};
@@ -13,6 +15,8 @@ use photofit_scalar::{Real, halved_sum};
 pub const BINS_MAX: usize = 31;
 /// Numbers of a vector: what is computed for all bins is computed for whole vectors, of which the last may be part empty.
 const LANES: usize = 16;
+/// Least logit of a share below the largest.
+const SHARE_LOGIT_MIN: f64 = -80.0;
 /// Knots of most bins: whole vectors.
 const KNOTS: usize = BINS_MAX + 1;
 
@@ -138,7 +142,7 @@ fn exponentials<T: Real>(logits: &Logits<T>, first: usize, n: usize, least: T, o
 /// `floor + (1 - n floor) softmax` of the `n` logits from `first` on into `out`, zeros behind them.
 #[inline(always)]
 fn shares<T: Real>(logits: &Logits<T>, first: usize, n: usize, floor: T, out: &mut [T; KNOTS]) {
-    exponentials(logits, first, n, T::of(-80.0), out);
+    exponentials(logits, first, n, T::of(SHARE_LOGIT_MIN), out);
     let mut sum = [T::zero(); LANES];
     for out in out.as_chunks::<LANES>().0 {
         for k in 0..LANES {

@@ -5,6 +5,40 @@ use photofit_scalar::Real;
 
 /// Least width of a bin, as a share of a uniform one.
 const WIDTH_MIN: f64 = 1e-3;
+/// Least logit of the density below the largest: far from zero, where logarithms and roots lose their digits.
+pub(super) const LOGIT_MIN: f64 = -20.0;
+
+/// A bin: its left end and the distribution there, its width, the density at both ends.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Piece<T> {
+    pub(super) x: T,
+    pub(super) c: T,
+    pub(super) w: T,
+    pub(super) v: [T; 2],
+}
+
+impl<T: Real> Piece<T> {
+    /// `(u, du/dx)`.
+    #[inline(always)]
+    pub(super) fn forward(self, x: T) -> (T, T) {
+        let a = ((x - self.x) / self.w).clamp_to(T::zero(), T::one());
+        let rise = self.v[1] - self.v[0];
+        let u = self.c + self.w * a * (self.v[0] + T::of(0.5) * rise * a);
+        (u.clamp_to(T::zero(), T::one()), self.v[0] + rise * a)
+    }
+
+    /// `(x, du/dx)` at `u`, by the root of the quadratic that does not cancel.
+    #[inline(always)]
+    pub(super) fn inverse(self, u: T) -> (T, T) {
+        let y = (u - self.c).max(T::zero());
+        let rise = self.v[1] - self.v[0];
+        let linear = self.v[0] * self.w;
+        let square = rise * self.w;
+        let root = (linear * linear + T::of(2.0) * square * y).max(T::zero()).sqrt();
+        let a = (T::of(2.0) * y / (linear + root)).clamp_to(T::zero(), T::one());
+        ((self.x + a * self.w).clamp_to(T::zero(), T::one()), self.v[0] + rise * a)
+    }
+}
 
 /// A density on `[0, 1]` that is linear in each of `K` bins (Müller et al. 2019, "Neural Importance Sampling").
 ///
@@ -38,8 +72,7 @@ impl<T: Real> Quadratic<T> {
         let (mut w, mut v) = ([T::zero(); KNOTS], [T::zero(); KNOTS]);
         let (mut x, mut c) = ([T::infinity(); KNOTS], [T::infinity(); KNOTS]);
         shares(&logits, 0, bins, floor(bins), &mut w);
-        // The least logit keeps densities far from zero, where logarithms and roots lose their digits.
-        exponentials(&logits, bins, bins + 1, T::of(-20.0), &mut v);
+        exponentials(&logits, bins, bins + 1, T::of(LOGIT_MIN), &mut v);
         let mut area = [T::zero(); KNOTS];
         for b in 0..BINS_MAX {
             area[b] = T::of(0.5) * (v[b] + v[b + 1]) * w[b];
@@ -62,24 +95,18 @@ impl<T: Real> Quadratic<T> {
     /// `(u, du/dx)`.
     #[inline(always)]
     pub fn forward(&self, x: T) -> (T, T) {
-        let b = bin(&self.x, self.bins, x);
-        let a = ((x - self.x[b]) / self.w[b]).clamp_to(T::zero(), T::one());
-        let rise = self.v[b + 1] - self.v[b];
-        let u = self.c[b] + self.w[b] * a * (self.v[b] + T::of(0.5) * rise * a);
-        (u.clamp_to(T::zero(), T::one()), self.v[b] + rise * a)
+        self.piece(bin(&self.x, self.bins, x)).forward(x)
     }
 
-    /// `(x, du/dx)` at `u`, by the root of the quadratic that does not cancel.
+    /// `(x, du/dx)` at `u`.
     #[inline(always)]
     pub fn inverse(&self, u: T) -> (T, T) {
-        let b = bin(&self.c, self.bins, u);
-        let y = (u - self.c[b]).max(T::zero());
-        let linear = self.v[b] * self.w[b];
-        let square = (self.v[b + 1] - self.v[b]) * self.w[b];
-        let root = (linear * linear + T::of(2.0) * square * y).max(T::zero()).sqrt();
-        let a = (T::of(2.0) * y / (linear + root)).clamp_to(T::zero(), T::one());
-        let density = self.v[b] + (self.v[b + 1] - self.v[b]) * a;
-        ((self.x[b] + a * self.w[b]).clamp_to(T::zero(), T::one()), density)
+        self.piece(bin(&self.c, self.bins, u)).inverse(u)
+    }
+
+    #[inline(always)]
+    fn piece(&self, b: usize) -> Piece<T> {
+        Piece { x: self.x[b], c: self.c[b], w: self.w[b], v: [self.v[b], self.v[b + 1]] }
     }
 
     /// See [`super::Spline::forward_vjp`].
@@ -118,6 +145,6 @@ impl<T: Real> Quadratic<T> {
     }
 }
 
-fn floor<T: Real>(bins: usize) -> T {
+pub(super) fn floor<T: Real>(bins: usize) -> T {
     T::of(WIDTH_MIN / bins as f64)
 }

@@ -11,7 +11,7 @@ use crate::light::{Facing, LightOrigin, LightSample, Receiver};
 use crate::plan;
 use crate::random::PathRandom;
 use crate::world::{Interaction, SurfaceMaterial, SurfaceScattering, World, WorldHit, WorldRay};
-use photofit_sampling::{DirectionSampler, ScatteringSampler, Vertex, power_heuristic};
+use photofit_sampling::{DirectionSampler, Scattering, ScatteringSampler, Vertex, power_heuristic};
 use photofit_scalar::Vec3f;
 
 /// One over the throughput below which roulette ends paths: error times time is least around it.
@@ -524,8 +524,11 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
         if crosses != vertex.scattering.crosses(light.wi) {
             return;
         }
-        let (value, pdf) = self.sampler.eval_pdf(vertex, local, light.wi);
-        let weight = self.light_weight(&light, pdf);
+        let (value, own) = vertex.scattering.eval_pdf(light.wi);
+        // What is costly waits until it is known whether something is in the way, unless the sink wants to know it all the same.
+        let waits = D::COSTLY && !S::SURFACES && !S::MEDIA;
+        let pdf = if waits { own } else { self.sampler.pdf(vertex, local, light.wi, own) };
+        let weight = if waits { 1.0 } else { self.light_weight(&light, pdf) };
         let arrives = self.throughput.mul(value).mul(light.radiance) * (weight / light.pdf);
         if arrives == Vec3f::zero() && !(S::SURFACES && pdf > 0.0) {
             return;
@@ -537,7 +540,19 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
         if F & plan::VOLUMES != 0 {
             around.medium = self.world.media.beside(at.instance, at.front != crosses, self.medium);
         }
-        self.connect(&light, (at.p, Some(at)), around, (value, weight, arrives));
+        if !waits {
+            self.connect(&light, (at.p, Some(at)), around, (value, weight, arrives));
+            return;
+        }
+        if !arrives.is_finite() {
+            self.sink.not_finite();
+            return;
+        }
+        let through = self.through(&light, (at.p, Some(at)), around);
+        if through != Vec3f::zero() {
+            let weight = self.light_weight(&light, self.sampler.pdf(vertex, local, light.wi, own));
+            self.report(&light, Some(at), through, (value, weight, arrives * weight));
+        }
     }
 
     /// Reports light of a sample, as far as it arrives at a vertex; `arrives` is what does where nothing is in the way.
@@ -553,6 +568,18 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
             self.sink.not_finite();
             return;
         }
+        let through = self.through(light, (p, surface), around);
+        self.report(light, surface, through, (scattering, weight, arrives));
+    }
+
+    /// Part of the light of a sample that arrives at a vertex.
+    #[inline(always)]
+    fn through(
+        &mut self,
+        light: &LightSample,
+        (p, surface): (Vec3f, Option<&Interaction>),
+        around: Around,
+    ) -> Vec3f {
         let index = 2 * self.depth + 1;
         let sink = &mut self.sink;
         let passed = |part: Passed| match part {
@@ -561,7 +588,17 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
             _ => {}
         };
         let random = (&self.random, index);
-        let through = transmittance::<F>(self.world, p, surface, light, around, random, passed);
+        transmittance::<F>(self.world, p, surface, light, around, random, passed)
+    }
+
+    #[inline(always)]
+    fn report(
+        &mut self,
+        light: &LightSample,
+        surface: Option<&Interaction>,
+        through: Vec3f,
+        (scattering, weight, arrives): (Vec3f, f32, Vec3f),
+    ) {
         self.sink.contribution(&Contribution {
             found: Found::NextEvent,
             depth: self.depth + 1,

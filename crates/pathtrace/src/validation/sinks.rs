@@ -3,10 +3,10 @@
 use super::scenes::{cornell, cornell_view, diffuse, glossy, looking, place, quad, square};
 use super::statistics::agree;
 use crate::{
-    Boundary, BoundedMedium, Contribution, EnvironmentMap, Field, Found, Material, Parts, PathVertex,
+    Aov, Boundary, BoundedMedium, Contribution, EnvironmentMap, Field, Found, Material, Parts, PathVertex,
     PictureSink, RenderOptions, Renderer, Shape, Sink, TrainingSink, View, World,
 };
-use photofit_flow::{FlowError, Guide, Guided, Query, Record as Learned};
+use photofit_flow::{FlowGuide, FlowOptions, Guide, Guided, Query, Waves};
 use photofit_image::Image;
 use photofit_sampling::{DirectionSampler, ScatteringSampler, uniform_sphere, uniform_sphere_pdf};
 use photofit_scalar::{Vec3f, vec3};
@@ -33,10 +33,6 @@ impl Guide for Uniform {
 
     fn pdf(&self, _: &(), _: Vec3f) -> f32 {
         uniform_sphere_pdf()
-    }
-
-    fn learn(&mut self, _: &[Learned]) -> Result<(), FlowError> {
-        Ok(())
     }
 }
 
@@ -123,6 +119,36 @@ fn glowing() -> World {
 
 fn from_above() -> View {
     looking([0.0, 1.2, 2.2], [0.0, 0.2, 0.0], 0.8)
+}
+
+#[test]
+fn paths_side_by_side_make_the_same_picture() {
+    let mut guide = FlowGuide::new(Vec3f::splat(-2.0), Vec3f::splat(2.0), FlowOptions::default()).unwrap();
+    guide.randomize(0.3, 1);
+    for (name, world, view) in [
+        ("box", World::new(cornell()).unwrap(), cornell_view()),
+        ("mixed", mixed(0.0), from_above()),
+        ("fog", foggy(), cornell_view()),
+    ] {
+        for aovs in [Vec::new(), vec![Aov::Albedo, Aov::Normal]] {
+            // Tiles at the edge are 3 pixels wide.
+            let options = RenderOptions { aovs: aovs.clone(), ..square(19, 70) };
+            let picture = |side_by_side: bool| {
+                let mut renderer = Renderer::new(&world, &view, options.clone()).unwrap();
+                while !match side_by_side {
+                    true => renderer.pass_side_by_side(&Waves(&guide), || false),
+                    false => renderer.pass_with(&Guided(&guide), || false),
+                }
+                .done
+                {}
+                let auxiliary: Vec<Image> = aovs.iter().filter_map(|a| renderer.aov(*a)).collect();
+                (renderer.picture(), renderer.sample_variance(), auxiliary, renderer.progress())
+            };
+            let (together, single) = (picture(true), picture(false));
+            assert!(together == single, "{name}, {aovs:?}: {:?} {:?}", together.3, single.3);
+            assert!(single.0.data.iter().any(|v| *v > 0.0), "{name}");
+        }
+    }
 }
 
 #[test]

@@ -4,7 +4,8 @@ use anyhow::Result;
 use photofit_flow::network::{Hidden, Network};
 use photofit_flow::spline::{Family, Spline};
 use photofit_flow::{
-    Chart, Domain, Encoding, FlowGuide, FlowOptions, Guide, LobeGuide, LobeOptions, Query, Record, Tensor,
+    Chart, Domain, Encoding, FlowGuide, FlowOptions, Guide, Learn, LobeGuide, LobeOptions, Query, Record,
+    Tensor,
 };
 use photofit_sampling::{Rng, uniform_sphere, uniform_sphere_pdf};
 use photofit_scalar::{Vec3f, vec3};
@@ -98,6 +99,17 @@ fn whole<G: Guide>(ctx: &mut Context, name: &str, guide: &G) {
         locals.iter().filter_map(|(l, u)| guide.sample(l, *u)).map(|s| s.1).sum()
     });
     each(ctx, name, "density at a vertex", || locals.iter().map(|(l, _)| guide.pdf(l, DIRECTION)).sum());
+    let points: Vec<(&G::Local, [f32; 2])> = locals.iter().map(|(l, u)| (l, *u)).collect();
+    let directions: Vec<(&G::Local, Vec3f)> = locals.iter().map(|(l, _)| (l, DIRECTION)).collect();
+    let (mut samples, mut densities) = (vec![None; VERTICES], vec![0.0; VERTICES]);
+    each(ctx, name, "sample among all", || {
+        guide.sample_all(&points, &mut samples);
+        samples.iter().flatten().map(|s: &(Vec3f, f32)| s.1).sum()
+    });
+    each(ctx, name, "density among all", || {
+        guide.pdf_all(&directions, &mut densities);
+        densities.iter().sum()
+    });
 }
 
 /// A density where other memory is read between answers, as a path does: what answers for many vertices at once could save.
