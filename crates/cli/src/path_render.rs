@@ -131,6 +131,7 @@ fn figures(
             "gain": finite(r.gain),
             "variance_ratio": finite(r.variance_ratio),
             "work_ratio": finite(r.work_ratio),
+            "side": r.side,
             "rounds": r.rounds,
             "paths": r.paths,
             "records": r.records,
@@ -301,9 +302,13 @@ fn resume(renderer: &mut Renderer<'_>, state: &Path, keys: &[String]) -> Result<
     if let (None, Some(e)) = (found, refusals.iter().min_by_key(|e| e.len())) {
         bail!("{}: {e}", state.display());
     }
-    let progress = renderer.progress();
-    let share = 100.0 * progress.samples as f64 / progress.total.max(1) as f64;
-    say(&format!("resuming at {share:.1}% of {}", output::counted(progress.total as usize, "sample")));
+    let Progress { samples, total, .. } = renderer.progress();
+    say(&match samples {
+        more if more > total => {
+            format!("resuming at {more} samples, more than the {total} that are asked for")
+        }
+        _ => format!("resuming at {samples} of {}", output::counted(total as usize, "sample")),
+    });
     Ok(found)
 }
 
@@ -399,8 +404,7 @@ fn work(
             100.0 * TRAINING_SHARE
         )),
     }
-    let trained = guidance.report().map(|r| r.rounds);
-    let trained = options.zip(trained).map(|(options, rounds)| options.with_rounds(rounds));
+    let trained = options.zip(guidance.report()).map(|(options, r)| options.as_trained(r));
     keeper.key = Some(keeper.key_of(a, trained.as_ref()));
     if a.path.explain && guiding(a) != Guiding::Off {
         if guidance.report().is_some() {

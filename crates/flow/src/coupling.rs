@@ -1,9 +1,9 @@
 //! A stack of coupling layers on the unit square, conditioned on features: each layer keeps one coordinate and warps the
 //! other with a spline whose logits a network makes from the features and the kept coordinate.
 
-mod wave;
+mod packet;
 
-pub use wave::Asked;
+pub use packet::Asked;
 
 use crate::elementary::sin_cos_pi;
 use crate::network::{HIDDEN, Hidden, LANES, Network};

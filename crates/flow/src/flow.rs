@@ -8,7 +8,7 @@ use crate::domain::{Chart, Domain};
 use crate::elementary::exp;
 use crate::encoding::Encoding;
 use crate::guide::{Guide, Learn, Query, Record, SHARE};
-use crate::network::WAVE;
+use crate::network::PACKET;
 use crate::spline::Family;
 use photofit_optim::{Optimizer, Temporal};
 use photofit_sampling::Rng;
@@ -42,7 +42,7 @@ pub struct FlowOptions {
     pub batch: usize,
     /// Steps after which the copy that answers is replaced.
     pub refresh: u32,
-    /// Times that [`Guide::learn`] goes through its records.
+    /// Times that [`Learn::learn`] goes through its records.
     pub passes: u32,
     /// Seed of the weights and of the order of records.
     pub seed: u64,
@@ -71,7 +71,7 @@ impl Default for FlowOptions {
 /// A normalizing flow over directions, conditioned on position, normal, viewer and roughness.
 ///
 /// Two copies of the parameters: training moves one, answers come from the other, which is replaced every
-/// [`FlowOptions::refresh`] steps and at the end of [`Guide::learn`].
+/// [`FlowOptions::refresh`] steps and at the end of [`Learn::learn`].
 #[derive(Debug)]
 pub struct FlowGuide {
     options: FlowOptions,
@@ -84,7 +84,7 @@ pub struct FlowGuide {
     frozen: Parameters,
     optimizers: [Optimizer<f32>; 2],
     steps: u64,
-    /// Whether [`Guide::learn`] was called: directions were chosen without a guide before.
+    /// Whether [`Learn::learn`] was called: directions were chosen without a guide before.
     began: bool,
 }
 
@@ -265,13 +265,13 @@ impl Guide for FlowGuide {
     }
 
     fn sample_all(&self, asked: &[(&FlowLocal, [f32; 2])], answers: &mut [Option<(Vec3f, f32)>]) {
-        for (asked, answers) in asked.chunks(WAVE).zip(answers.chunks_mut(WAVE)) {
+        for (asked, answers) in asked.chunks(PACKET).zip(answers.chunks_mut(PACKET)) {
             let [first, ..] = asked else { continue };
-            let mut points: [Asked<'_, f32>; WAVE] = [(&first.0.condition, first.1); WAVE];
+            let mut points: [Asked<'_, f32>; PACKET] = [(&first.0.condition, first.1); PACKET];
             for (point, (local, u)) in points.iter_mut().zip(asked) {
                 *point = (&local.condition, *u);
             }
-            let mut warped = [([0.0; 2], 0.0); WAVE];
+            let mut warped = [([0.0; 2], 0.0); PACKET];
             let n = asked.len();
             self.couplings.inverse_all(&self.frozen.network, &points[..n], &mut warped[..n]);
             for ((answer, (local, _)), (x, q)) in answers.iter_mut().zip(asked).zip(warped) {
@@ -281,18 +281,18 @@ impl Guide for FlowGuide {
     }
 
     fn pdf_all(&self, asked: &[(&FlowLocal, Vec3f)], answers: &mut [f32]) {
-        for (asked, answers) in asked.chunks(WAVE).zip(answers.chunks_mut(WAVE)) {
+        for (asked, answers) in asked.chunks(PACKET).zip(answers.chunks_mut(PACKET)) {
             let [first, ..] = asked else { continue };
-            let mut points: [Asked<'_, f32>; WAVE] = [(&first.0.condition, [0.0; 2]); WAVE];
+            let mut points: [Asked<'_, f32>; PACKET] = [(&first.0.condition, [0.0; 2]); PACKET];
             // Directions that the chart does not make keep a density of 0.
-            let mut densities = [0.0; WAVE];
+            let mut densities = [0.0; PACKET];
             for ((point, density), (local, wi)) in points.iter_mut().zip(&mut densities).zip(asked) {
                 point.0 = &local.condition;
                 if let Some((x, own)) = local.chart.point(*wi) {
                     (point.1, *density) = (x, own);
                 }
             }
-            let mut warped = [([0.0; 2], 0.0); WAVE];
+            let mut warped = [([0.0; 2], 0.0); PACKET];
             let n = asked.len();
             self.couplings.forward_all(&self.frozen.network, &points[..n], &mut warped[..n]);
             for ((answer, own), (_, q)) in answers.iter_mut().zip(densities).zip(warped) {

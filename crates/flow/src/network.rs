@@ -13,7 +13,7 @@ pub const LANES: usize = 16;
 /// Slope of the rectifier below zero.
 const LEAK: f64 = 0.01;
 /// Vertices that are answered side by side, one in each lane of a vector.
-pub const WAVE: usize = 16;
+pub const PACKET: usize = 16;
 /// Outputs that are summed side by side then, each for a whole vector of vertices.
 const BLOCK: usize = 4;
 
@@ -102,20 +102,20 @@ impl Network {
 
     /// [`Self::rest`] for many vertices, one in each lane, to the same bits. `first` becomes the first hidden layer.
     #[inline(always)]
-    pub fn rest_of_wave<T: Real>(
+    pub fn rest_of_packet<T: Real>(
         self,
         weights: &[T],
-        first: &mut [[T; WAVE]; HIDDEN],
-        x: &[[T; WAVE]],
-        y: &mut [[T; WAVE]],
+        first: &mut [[T; PACKET]; HIDDEN],
+        x: &[[T; PACKET]],
+        y: &mut [[T; PACKET]],
     ) {
         let [a, b, _] = self.parts();
-        let mut second = [[T::zero(); WAVE]; HIDDEN];
-        add_wave(first, &weights[a - x.len() * HIDDEN..a], x);
+        let mut second = [[T::zero(); PACKET]; HIDDEN];
+        add_packet(first, &weights[a - x.len() * HIDDEN..a], x);
         rectify(first.as_flattened_mut());
-        affine_wave(&weights[a..a + b], first, &mut second);
+        affine_packet(&weights[a..a + b], first, &mut second);
         rectify(second.as_flattened_mut());
-        affine_wave(&weights[a + b..], &second, &mut y[..self.outputs]);
+        affine_packet(&weights[a + b..], &second, &mut y[..self.outputs]);
     }
 
     /// Adds to the gradients of the weights and of `x` for those of the outputs.
@@ -172,32 +172,32 @@ fn affine<T: Real>(weights: &[T], x: &[T], y: &mut [T]) {
 
 /// [`affine`] of a vector in each lane.
 #[inline(always)]
-fn affine_wave<T: Real>(weights: &[T], x: &[[T; WAVE]], y: &mut [[T; WAVE]]) {
+fn affine_packet<T: Real>(weights: &[T], x: &[[T; PACKET]], y: &mut [[T; PACKET]]) {
     let (bias, rows) = weights.split_at(y.len());
     for (y, bias) in y.iter_mut().zip(bias) {
-        *y = [*bias; WAVE];
+        *y = [*bias; PACKET];
     }
-    add_wave(y, rows, x);
+    add_packet(y, rows, x);
 }
 
 /// [`add`] of a vector in each lane, whose outputs come in blocks.
 #[inline(always)]
-fn add_wave<T: Real>(y: &mut [[T; WAVE]], weights: &[T], x: &[[T; WAVE]]) {
+fn add_packet<T: Real>(y: &mut [[T; PACKET]], weights: &[T], x: &[[T; PACKET]]) {
     let outputs = y.len();
     for (c, block) in y.as_chunks_mut::<BLOCK>().0.iter_mut().enumerate() {
         let [mut s, mut t, mut u, mut v] = *block;
         let rows = weights[c * BLOCK..].chunks(outputs).filter_map(|row| row.first_chunk::<BLOCK>());
         for (row, x) in rows.zip(x) {
-            for l in 0..WAVE {
+            for l in 0..PACKET {
                 s[l] += row[0] * x[l];
             }
-            for l in 0..WAVE {
+            for l in 0..PACKET {
                 t[l] += row[1] * x[l];
             }
-            for l in 0..WAVE {
+            for l in 0..PACKET {
                 u[l] += row[2] * x[l];
             }
-            for l in 0..WAVE {
+            for l in 0..PACKET {
                 v[l] += row[3] * x[l];
             }
         }

@@ -130,7 +130,7 @@ impl RenderPlan {
         Self::with_at_least(world, Features::default())
     }
 
-    /// Of paths in `world` whose directions a sampler chooses ([`crate::Renderer::pass_with`], [`crate::Renderer::walk`]).
+    /// Of paths in `world` whose directions a sampler chooses ([`crate::Renderer::pass_with`], [`crate::Renderer::pass_side_by_side`], [`crate::Renderer::walk`]).
     pub fn sampled(world: &World) -> Self {
         Self::with_at_least(world, Features(SAMPLED))
     }

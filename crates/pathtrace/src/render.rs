@@ -1,6 +1,6 @@
 //! The renderer: passes over the tiles of a film until enough samples are taken.
 
-mod wave;
+mod side_by_side;
 
 use crate::PathtraceError;
 use crate::camera::{Prepared, View};
@@ -188,7 +188,7 @@ impl<'a> Renderer<'a> {
         &self.plan
     }
 
-    /// That of [`Self::pass_with`] and [`Self::walk`].
+    /// That of [`Self::pass_with`], [`Self::pass_side_by_side`] and [`Self::walk`].
     pub fn sampled_plan(&self) -> RenderPlan {
         RenderPlan::sampled(self.world)
     }
@@ -247,11 +247,11 @@ impl<'a> Renderer<'a> {
         let aovs = !self.options.aovs.is_empty();
         if self.plan.needs.contains(Features(plan::VOLUMES)) {
             self.pass_of(self.target(), stop, |job, tile| {
-                wave::tile::<{ plan::ALL }, W>(job, tile, walker, aovs);
+                side_by_side::tile::<{ plan::ALL }, W>(job, tile, walker, aovs);
             });
         } else {
             self.pass_of(self.target(), stop, |job, tile| {
-                wave::tile::<{ plan::SAMPLED }, W>(job, tile, walker, aovs);
+                side_by_side::tile::<{ plan::SAMPLED }, W>(job, tile, walker, aovs);
             });
         }
         self.progress()

@@ -75,10 +75,11 @@ pub trait DirectionSampler {
     /// What the answers at one vertex share.
     type Local;
 
-    /// Whether [`Self::pdf`] costs more than to see whether something is in the way.
+    /// Whether [`Self::pdf`] costs more than to see whether something is in the way: it may then be asked for lights that arrive
+    /// alone, or not at all.
     const COSTLY: bool;
 
-    /// Prepares answers at a vertex.
+    /// Prepares answers at a vertex. A sampler may answer at the last vertex alone: what was prepared before is used up.
     fn local<S: Scattering>(&self, at: &Vertex<'_, S>) -> Self::Local;
 
     /// A direction for `lobe` and `u` in `[0, 1)`; `None` where the path ends. `local` is that of the vertex.
@@ -103,7 +104,8 @@ pub trait Paths {
     fn walk<D: DirectionSampler>(&self, path: usize, sampler: &D);
 }
 
-/// Walks many paths side by side, so that what they ask of a sampler can be answered together.
+/// Walks many paths side by side, so that what they ask of a sampler can be answered together. A path asks at the vertex that it prepared
+/// last; sinks that split paths ask at earlier ones, too.
 pub trait SideBySide {
     /// Walks the paths from 0 to `count - 1`, each of them once and on this thread. They begin in order, but take turns.
     fn walk_all<P: Paths>(&self, count: usize, paths: &P);

@@ -52,13 +52,21 @@ pub enum Guiding {
 }
 
 impl Guiding {
-    /// Cost of a path vertex with the guide over that of one without: rounded from
+    /// Cost of a path vertex of a picture with the guide over that of one without: rounded from
     /// times a sample in scenes with short paths (`cargo xtask bench flow` measures them).
     pub fn cost(self) -> f64 {
         match self {
             Self::Off => 1.0,
-            Self::Flow => 5.0,
+            Self::Flow => 4.0,
             Self::Lobes => 1.6,
+        }
+    }
+
+    /// The same of training and pilot run, whose paths are not walked side by side.
+    pub fn training_cost(self) -> f64 {
+        match self {
+            Self::Flow => 5.0,
+            Self::Off | Self::Lobes => self.cost(),
         }
     }
 
@@ -81,7 +89,8 @@ pub struct GuidingOptions {
     pub side: usize,
     /// Most rounds of training; round `r` walks `2^r` paths a pixel.
     pub rounds: u32,
-    /// Most time of training and pilot run: what takes longer is given up. A round after the third is walked where it and the
+    /// Most time of training and pilot run: what takes longer is given up. Pictures are trained on that are as small as three rounds and the pilot
+    /// run in half of it ask for, of [`Self::SIDES`], judged by a path a pixel of the smallest. A round after the third is walked where it and the
     /// pilot run are expected to end in half of it, judged by the round before. `None`: as long as it takes.
     pub limit: Option<Duration>,
     /// Paths a pixel of the pilot run, with the guide and without; at least 2 are walked.
@@ -135,19 +144,23 @@ impl GuidingOptions {
         Self { rounds, limit: None, pilot: pilot_of(rounds), ..self }
     }
 
+    /// Those of a training that came to this report, whatever time it takes.
+    pub fn as_trained(self, report: &GuidingReport) -> Self {
+        Self { side: report.side, ..self.with_rounds(report.rounds) }
+    }
+
     /// As [`Self::new`] for a picture of known samples: training and pilot run are at most a tenth of the work of
     /// the picture. Training walks 3 rounds in a picture that is as small as that asks for, down to 24 pixels a
     /// side, or more rounds where they fit at 96 pixels. The pilot run walks 4 paths a pixel with the guide and 4 without it, from 5
     /// rounds on 8.
     ///
-    /// Work is counted in paths of the picture, those that ask a guide for [`Guiding::cost`]; what learning from them takes is not counted. A flow learns from one record for 96
+    /// Work is counted in paths of the picture, those that ask a guide for [`Guiding::training_cost`]; what learning from them takes is not counted. A flow learns from one record for 96
     /// paths of the picture at most, but from up to 1,024 in each round.
     pub fn for_picture(guiding: Guiding, options: &RenderOptions) -> Self {
         let (width, height) = (options.width.max(1) as f64, options.height.max(1) as f64);
         let fits = |(side, rounds): &(usize, u32)| {
             let part = (*side as f64 / width.max(height)).min(1.0).powi(2);
-            let guided = f64::from(*rounds).exp2() - 2.0 + 2.0 * f64::from(pilot_of(*rounds));
-            part * (1.0 + guided * guiding.cost()) <= PART * f64::from(options.spp)
+            part * work(*rounds, guiding) <= PART * f64::from(options.spp)
         };
         let (side, rounds) =
             Self::stages().filter(fits).last().unwrap_or((Self::SIDES[0], *Self::ROUNDS.start()));
@@ -164,6 +177,12 @@ impl GuidingOptions {
 /// Paths a pixel of the pilot run after so many rounds, with the guide and without.
 fn pilot_of(rounds: u32) -> u32 {
     if rounds < 5 { 4 } else { 8 }
+}
+
+/// Work of so many rounds and their pilot run, in paths a pixel without a guide, of which the first round is.
+fn work(rounds: u32, guiding: Guiding) -> f64 {
+    let guided = f64::from(rounds).exp2() - 2.0 + 2.0 * f64::from(pilot_of(rounds));
+    1.0 + guided * guiding.training_cost()
 }
 
 /// A guide that has learned.
@@ -228,6 +247,8 @@ impl Guidance {
             return Ok(Self::off());
         };
         let mut clock = Clock { now, limit: options.limit, last: Duration::ZERO };
+        let Some(options) = within_limit(renderers, options, &clock, &stop)? else { return Ok(Self::off()) };
+        let options = &options;
         let stage = |round: u64| -> Result<Vec<Renderer<'_>>, FitError> {
             renderers.iter().map(|r| small_view(r, options, round)).collect()
         };
@@ -390,6 +411,40 @@ fn over_views<T>(
         });
     }
     all
+}
+
+/// Three rounds in a smaller picture where those in the wanted one would take more than half of the limit of time; `None` where it
+/// is stopped.
+fn within_limit(
+    renderers: &[Renderer<'_>],
+    options: &GuidingOptions,
+    clock: &Clock<'_>,
+    stop: &impl Fn() -> bool,
+) -> Result<Option<GuidingOptions>, FitError> {
+    let picture = renderers.iter().map(|r| r.options().width.max(r.options().height)).max().unwrap_or(0);
+    let [smallest, ..] = GuidingOptions::SIDES.map(|side| side.min(picture));
+    let Some(limit) = options.limit.filter(|_| options.side.min(picture) > smallest) else {
+        return Ok(Some(*options));
+    };
+    let small = GuidingOptions { side: smallest, ..*options };
+    let views = renderers.iter().map(|r| small_view(r, &small, 0)).collect::<Result<Vec<_>, _>>()?;
+    let before = (clock.now)();
+    let walk = |r: &Renderer<'_>| Lesson::walk(r, 1, &ScatteringSampler);
+    if over_views(&views, clock, stop, Lesson::beside, walk).is_none() {
+        return Ok(None);
+    }
+    let took = (clock.now)().saturating_sub(before);
+    let least = *GuidingOptions::ROUNDS.start();
+    let fits = |side: usize| {
+        let part = (side.min(picture) as f64 / smallest as f64).powi(2);
+        took.as_secs_f64() * part * work(least, options.guiding) <= 0.5 * limit.as_secs_f64()
+    };
+    if fits(options.side) {
+        return Ok(Some(*options));
+    }
+    let smaller = GuidingOptions::SIDES.into_iter().filter(|side| *side < options.side && fits(*side));
+    let side = smaller.last().unwrap_or(smallest);
+    Ok(Some(GuidingOptions { side, limit: options.limit, ..options.with_rounds(least) }))
 }
 
 /// A small render of the same view with numbers of its own.

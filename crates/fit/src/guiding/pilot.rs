@@ -186,11 +186,26 @@ struct Follower<'a> {
     vertices: u64,
 }
 
-impl Follower<'_> {
-    fn begin(&mut self) {
+impl<'a> Follower<'a> {
+    fn new(chooser: Chooser, densities: &'a Densities) -> Self {
+        Self { chooser, densities, path: Path::default(), last: 1.0, vertices: 0 }
+    }
+
+    /// The path of a sample of a pixel.
+    fn follow<G: Guide>(
+        &mut self,
+        renderer: &Renderer<'_>,
+        guide: &G,
+        pixel: [usize; 2],
+        sample: u32,
+    ) -> Path {
         (self.path, self.last) = (Path::default(), 1.0);
         self.densities.chosen.set(1.0);
         self.densities.light.set(1.0);
+        let sampler = Watched { guide, chooser: self.chooser, densities: self.densities };
+        renderer.walk(pixel, sample, &sampler, self);
+        self.chosen();
+        self.path
     }
 
     /// Counts the last direction, also where the path ends with it: the other may never have chosen it.
@@ -256,23 +271,19 @@ impl Trial {
         chooser: Chooser,
     ) -> Self {
         let densities = Densities { chosen: Cell::new(1.0), light: Cell::new(1.0) };
-        let sampler = Watched { guide, chooser, densities: &densities };
-        let mut sink =
-            Follower { chooser, densities: &densities, path: Path::default(), last: 1.0, vertices: 0 };
+        let mut follower = Follower::new(chooser, &densities);
         let mut out = Self { columns, ..Self::default() };
         for x in 0..columns {
             let mut sums = Sums::default();
             for sample in 0..samples {
-                sink.begin();
-                renderer.walk([x, y], sample, &sampler, &mut sink);
-                sink.chosen();
-                out.found_light |= sink.path.values != [0.0; 2];
-                sums.add(&sink.path);
+                let path = follower.follow(renderer, guide, [x, y], sample);
+                out.found_light |= path.values != [0.0; 2];
+                sums.add(&path);
             }
             out.pixels.push(sums);
         }
         out.paths = columns as u64 * u64::from(samples);
-        out.work = out.paths + sink.vertices;
+        out.work = out.paths + follower.vertices;
         out
     }
 

@@ -21,6 +21,8 @@ pub struct GuidingReport {
     pub work_ratio: f64,
     /// The gain that was asked for.
     pub least_gain: f64,
+    /// Largest side of the pictures that were trained on, pixels.
+    pub side: usize,
     /// Rounds of training.
     pub rounds: u32,
     /// Paths of training and pilot run.
@@ -52,6 +54,7 @@ impl GuidingReport {
             variance_ratio,
             work_ratio,
             least_gain,
+            side: options.side,
             rounds: 0,
             paths: 0,
             records: 0,

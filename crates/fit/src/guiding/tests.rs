@@ -252,7 +252,7 @@ fn a_guide_that_does_not_pay_switches_itself_off() {
 /// Work of training and pilot run, in paths of the picture.
 fn work(stage: &GuidingOptions, paths: u64, pixels: u64) -> f64 {
     // The first round is walked without a guide.
-    pixels as f64 + (paths - pixels) as f64 * stage.guiding.cost()
+    pixels as f64 + (paths - pixels) as f64 * stage.guiding.training_cost()
 }
 
 #[test]
@@ -355,6 +355,32 @@ fn a_limit_of_time_leaves_out_rounds_or_the_guide() {
     let by_the_clock = GuidingOptions { limit: Some(Duration::ZERO), ..small(Guiding::Lobes) };
     let none = Guidance::train(&renderer, &by_the_clock, || false).unwrap();
     assert!(none.report().is_none() && none.seconds() > 0.0);
+}
+
+#[test]
+fn a_limit_of_time_makes_the_pictures_of_training_smaller() {
+    let world = rooms();
+    let seconds = Duration::from_secs;
+    let renderer = Renderer::new(&world, &inside(), options(96, 4, 1)).unwrap();
+    let trained = |stage: &GuidingOptions| {
+        let asked = Cell::new(0);
+        let now = || seconds(asked.replace(asked.get() + 1));
+        Guidance::train_by(&now, std::slice::from_ref(&renderer), stage, || false).unwrap()
+    };
+    let stage = small(Guiding::Lobes).with_rounds(4);
+    let stage = GuidingOptions { side: 96, ..stage };
+    // A path a pixel of the smallest picture takes two seconds by this clock, and three rounds with their pilot run as long as 23.4 paths.
+    for (limit, side, rounds) in
+        [(1 << 20, 96, 4), (1400, 64, 3), (700, 64, 3), (600, 48, 3), (200, 32, 3), (60, 24, 3)]
+    {
+        let limited = trained(&GuidingOptions { limit: Some(seconds(limit)), ..stage });
+        let report = limited.report().unwrap();
+        assert_eq!((report.side, report.rounds), (side, rounds), "{limit} s");
+        let again = trained(&stage.as_trained(report));
+        assert_eq!(Some(report), again.report(), "{limit} s");
+        let known = GuidingOptions::stages().any(|s| s == (side, rounds));
+        assert!(known, "{side} pixels, {rounds} rounds: no render knows");
+    }
 }
 
 #[test]

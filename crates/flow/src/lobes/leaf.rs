@@ -19,7 +19,7 @@ const WEIGHT_MAX: f32 = 20.0;
 /// Records without direction that every lobe is thought to have seen beside the true ones: keeps few from making it
 /// narrow or empty.
 const PRIOR: f32 = 0.5;
-/// What a call of [`Guide::learn`](crate::Guide::learn) leaves of the weight of earlier ones: the first records come from
+/// What a call of [`Learn::learn`](crate::Learn::learn) leaves of the weight of earlier ones: the first records come from
 /// poor directions.
 const MEMORY: f32 = 0.5;
 

@@ -21,7 +21,7 @@ const KAPPA_FIRST: f32 = 3.0;
 /// How lobes are learned.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LobeOptions {
-    /// A leaf with more useful records in one call of [`Guide::learn`] is split, where that leaves both halves at least
+    /// A leaf with more useful records in one call of [`Learn::learn`] is split, where that leaves both halves at least
     /// [`Self::least_records`].
     pub leaf_records: usize,
     /// Most levels of the tree.
@@ -50,7 +50,7 @@ pub struct LobeGuide {
     options: LobeOptions,
     nodes: Vec<Node>,
     leaves: Vec<Leaf>,
-    /// Whether [`Guide::learn`] was called: directions were chosen without a guide before.
+    /// Whether [`Learn::learn`] was called: directions were chosen without a guide before.
     began: bool,
 }
 

@@ -1,12 +1,12 @@
 //! Monotone splines of the unit interval: the warps of single coordinates, from the logits of a network.
 
+mod packet;
 mod quadratic;
 mod rational;
-mod wave;
 
+pub(crate) use packet::warp_packet;
 pub use quadratic::Quadratic;
 pub use rational::Rational;
-pub(crate) use wave::warp_wave;
 
 use crate::elementary::exp;
 use photofit_scalar::{Real, halved_sum};

@@ -8,9 +8,10 @@ use photofit_sampling::Paths;
 use photofit_scalar::Vec3f;
 use std::cell::{Cell, Ref, RefCell};
 
-/// Walks side by side.
-pub(super) const WALKS: usize = 96;
-/// Bytes of the stack of a walk; what is never touched takes no memory.
+/// Walks side by side: six vectors of vertices, of whose questions some are of one kind and some of the other. Times hardly differ from
+/// 64 to 256.
+const WALKS: usize = 96;
+/// Bytes of the stack of a walk, of which a path takes a few thousand; what is never touched takes no memory.
 const STACK: usize = 1 << 18;
 
 thread_local! {
@@ -18,22 +19,20 @@ thread_local! {
     static STACKS: RefCell<Vec<DefaultStack>> = const { RefCell::new(Vec::new()) };
 }
 
-/// Walks all paths, or says false where there are no stacks for two of them.
+/// Walks all paths, or says false where there is no memory for their stacks.
 pub(super) fn walk_all<G: Guide, P: Paths>(guide: &G, count: usize, paths: &P) -> bool {
     let mut stacks = STACKS.take();
-    while stacks.len() < WALKS
-        && let Ok(stack) = DefaultStack::new(STACK)
-    {
+    while stacks.len() < WALKS.min(count) {
+        // What there is goes back: others need it, too.
+        let Ok(stack) = DefaultStack::new(STACK) else { return false };
         stacks.push(stack);
     }
-    let side_by_side = count.min(stacks.len());
-    if side_by_side >= 2 {
-        let locals = (0..side_by_side).map(|_| RefCell::new(None)).collect();
-        let wave = Wave { guide, paths, count, next: Cell::new(0), locals };
-        wave.begin(&mut stacks[..side_by_side], None);
-    }
+    let side_by_side = WALKS.min(count);
+    let locals = (0..side_by_side).map(|_| RefCell::new(None)).collect();
+    let wave = Wave { guide, paths, count, next: Cell::new(0), locals };
+    wave.begin(&mut stacks[..side_by_side], None);
     STACKS.set(stacks);
-    side_by_side >= 2
+    true
 }
 
 /// What a walk asks.
@@ -111,49 +110,45 @@ impl<G: Guide, P: Paths> Wave<'_, G, P> {
 
     /// The paths of one walk.
     fn walk(&self, index: usize, walk: &Yielder<Answer, Question>) {
-        let guide = Asking { guide: self.guide, walk, local: &self.locals[index] };
+        let local = &self.locals[index];
+        let guide = Asking { guide: self.guide, walk, local, prepared: Cell::new(0) };
         while self.next.get() < self.count {
             let path = self.next.replace(self.next.get() + 1);
             self.paths.walk(path, &Guided(&guide));
         }
     }
 
+    /// Answers until all walks have ended.
     fn answer(&self, walks: &mut dyn GoOn) {
         let n = self.locals.len();
         let mut exchange = Exchange { questions: vec![None; n], answers: vec![Answer::Nothing; n] };
         loop {
             walks.go_on(&mut exchange);
-            let asked = |f: fn(Question) -> bool| {
-                let local = |i: usize| Ref::filter_map(self.locals[i].borrow(), Option::as_ref).ok();
-                let of = move |(i, q): (usize, &Option<Question>)| {
-                    let question = q.filter(|q| f(*q))?;
-                    Some((i, local(i)?, question))
-                };
-                exchange.questions.iter().enumerate().filter_map(of).collect::<Vec<_>>()
-            };
-            let samples = asked(|q| matches!(q, Question::Sample(_)));
-            let densities = asked(|q| matches!(q, Question::Density(_)));
+            let (mut samples, mut densities) = (Vec::new(), Vec::new());
+            for (index, question) in exchange.questions.iter().enumerate() {
+                let Some(question) = *question else { continue };
+                let local = Ref::filter_map(self.locals[index].borrow(), Option::as_ref);
+                let Ok(local) = local else { unreachable!("a walk asks where nothing is prepared") };
+                match question {
+                    Question::Sample(u) => samples.push((index, local, u)),
+                    Question::Density(wi) => densities.push((index, local, wi)),
+                }
+            }
             if samples.is_empty() && densities.is_empty() {
                 return;
             }
-            let points: Vec<(&G::Local, [f32; 2])> = samples
-                .iter()
-                .map(|(_, local, q)| (&**local, if let Question::Sample(u) = q { *u } else { [0.0; 2] }))
-                .collect();
+            let points: Vec<(&G::Local, [f32; 2])> = samples.iter().map(|(_, l, u)| (&**l, *u)).collect();
             let mut found = vec![None; points.len()];
             self.guide.sample_all(&points, &mut found);
-            for ((i, ..), sample) in samples.iter().zip(found) {
-                exchange.answers[*i] = Answer::Sample(sample);
+            for ((index, ..), sample) in samples.iter().zip(found) {
+                exchange.answers[*index] = Answer::Sample(sample);
             }
-            let zero = Vec3f::zero();
-            let directions: Vec<(&G::Local, Vec3f)> = densities
-                .iter()
-                .map(|(_, local, q)| (&**local, if let Question::Density(wi) = q { *wi } else { zero }))
-                .collect();
+            let directions: Vec<(&G::Local, Vec3f)> =
+                densities.iter().map(|(_, l, wi)| (&**l, *wi)).collect();
             let mut found = vec![0.0; directions.len()];
             self.guide.pdf_all(&directions, &mut found);
-            for ((i, ..), density) in densities.iter().zip(found) {
-                exchange.answers[*i] = Answer::Density(density);
+            for ((index, ..), density) in densities.iter().zip(found) {
+                exchange.answers[*index] = Answer::Density(density);
             }
         }
     }
@@ -164,34 +159,50 @@ struct Asking<'a, G: Guide> {
     guide: &'a G,
     walk: &'a Yielder<Answer, Question>,
     local: &'a RefCell<Option<G::Local>>,
+    /// Vertices that were prepared.
+    prepared: Cell<u64>,
+}
+
+/// What a walk holds of a vertex: the rest stays with the wave.
+struct Prepared {
+    share: f32,
+    /// Which vertex of the walk it is.
+    serial: u64,
+}
+
+impl<G: Guide> Asking<'_, G> {
+    fn ask(&self, at: &Prepared, question: Question) -> Answer {
+        assert_eq!(at.serial, self.prepared.get(), "a walk asks at the vertex that it prepared last");
+        self.walk.suspend(question)
+    }
 }
 
 impl<G: Guide> Guide for Asking<'_, G> {
-    /// The share: the rest stays with the wave. A walk asks at one vertex at a time.
-    type Local = f32;
+    type Local = Prepared;
 
-    fn local(&self, at: &Query) -> f32 {
+    fn local(&self, at: &Query) -> Prepared {
         let local = self.guide.local(at);
         let share = self.guide.share(&local);
         *self.local.borrow_mut() = Some(local);
-        share
+        self.prepared.set(self.prepared.get() + 1);
+        Prepared { share, serial: self.prepared.get() }
     }
 
-    fn share(&self, share: &f32) -> f32 {
-        *share
+    fn share(&self, at: &Prepared) -> f32 {
+        at.share
     }
 
-    fn sample(&self, _: &f32, u: [f32; 2]) -> Option<(Vec3f, f32)> {
-        match self.walk.suspend(Question::Sample(u)) {
+    fn sample(&self, at: &Prepared, u: [f32; 2]) -> Option<(Vec3f, f32)> {
+        match self.ask(at, Question::Sample(u)) {
             Answer::Sample(sample) => sample,
-            Answer::Nothing | Answer::Density(_) => None,
+            Answer::Nothing | Answer::Density(_) => unreachable!("a sample is asked for"),
         }
     }
 
-    fn pdf(&self, _: &f32, wi: Vec3f) -> f32 {
-        match self.walk.suspend(Question::Density(wi)) {
+    fn pdf(&self, at: &Prepared, wi: Vec3f) -> f32 {
+        match self.ask(at, Question::Density(wi)) {
             Answer::Density(density) => density,
-            Answer::Nothing | Answer::Sample(_) => 0.0,
+            Answer::Nothing | Answer::Sample(_) => unreachable!("a density is asked for"),
         }
     }
 }

@@ -1,10 +1,10 @@
 //! Walks side by side: each path once, the bits of one after another, panics that reach the caller.
 
-use super::suspended::WALKS;
 use super::*;
-use crate::{FlowGuide, FlowOptions, LobeGuide, LobeOptions};
+use crate::spline::Family;
+use crate::{Domain, FlowGuide, FlowLocal, FlowOptions, LobeGuide, LobeOptions, Query};
 use photofit_sampling::{DirectionSample, DirectionSampler, Rng, Scattering, Vertex};
-use photofit_sampling::{cosine_hemisphere, cosine_hemisphere_pdf};
+use photofit_sampling::{cosine_hemisphere, cosine_hemisphere_pdf, uniform_sphere};
 use photofit_scalar::{Vec3f, vec3};
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -84,7 +84,7 @@ fn flow() -> FlowGuide {
 #[test]
 fn walks_side_by_side_have_the_bits_of_one_after_another() {
     let (flow, lobes) = (flow(), LobeGuide::new(LobeOptions::default()));
-    for count in [0, 1, 2, WALKS - 1, WALKS, 5 * WALKS + 3] {
+    for count in [0, 1, 2, 95, 96, 483] {
         let single = Walks::new(count, None);
         (0..count).for_each(|path| single.walk(path, &Guided(&flow)));
         let together = Walks::new(count, None);
@@ -95,6 +95,100 @@ fn walks_side_by_side_have_the_bits_of_one_after_another() {
         (0..count).for_each(|path| single.walk(path, &Guided(&lobes)));
         Waves(&lobes).walk_all(count, &together);
         assert_eq!(single.bits(), together.bits(), "{count}, lobes");
+    }
+}
+
+/// Counts the answers that are given one by one, and the rounds and the most of those that are given together.
+struct Counting<'a> {
+    guide: &'a FlowGuide,
+    alone: Cell<usize>,
+    rounds: Cell<usize>,
+    most: Cell<usize>,
+}
+
+impl Counting<'_> {
+    fn round(&self, answers: usize) {
+        self.rounds.set(self.rounds.get() + 1);
+        self.most.set(self.most.get().max(answers));
+    }
+}
+
+impl Guide for Counting<'_> {
+    type Local = FlowLocal;
+
+    fn local(&self, at: &Query) -> FlowLocal {
+        self.guide.local(at)
+    }
+
+    fn share(&self, local: &FlowLocal) -> f32 {
+        self.guide.share(local)
+    }
+
+    fn sample(&self, local: &FlowLocal, u: [f32; 2]) -> Option<(Vec3f, f32)> {
+        self.alone.set(self.alone.get() + 1);
+        self.guide.sample(local, u)
+    }
+
+    fn pdf(&self, local: &FlowLocal, wi: Vec3f) -> f32 {
+        self.alone.set(self.alone.get() + 1);
+        self.guide.pdf(local, wi)
+    }
+
+    fn sample_all(&self, asked: &[(&FlowLocal, [f32; 2])], answers: &mut [Option<(Vec3f, f32)>]) {
+        self.round(asked.len());
+        self.guide.sample_all(asked, answers);
+    }
+
+    fn pdf_all(&self, asked: &[(&FlowLocal, Vec3f)], answers: &mut [f32]) {
+        self.round(asked.len());
+        self.guide.pdf_all(asked, answers);
+    }
+}
+
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64", target_arch = "riscv64"))]
+#[test]
+fn questions_are_answered_together() {
+    let flow = flow();
+    let guide = Counting { guide: &flow, alone: Cell::new(0), rounds: Cell::new(0), most: Cell::new(0) };
+    Waves(&guide).walk_all(700, &Walks::new(700, None));
+    assert_eq!(guide.alone.get(), 0, "none alone");
+    // 700 paths of 3 steps in the mean, two questions each, in rounds of up to 96: at least 44, of two kinds.
+    assert!(guide.most.get() > 80 && guide.rounds.get() < 130, "{} {}", guide.most.get(), guide.rounds.get());
+}
+
+#[test]
+fn answers_together_have_the_bits_of_single_ones() {
+    let mut rng = Rng::new(4, 0);
+    for domain in [Domain::Hemisphere, Domain::Sphere, Domain::HalfVector, Domain::Visible] {
+        for (family, bins) in [(Family::Quadratic, 15), (Family::Quadratic, 31), (Family::Rational, 10)] {
+            let options = FlowOptions { domain, family, bins, ..FlowOptions::default() };
+            let mut guide = FlowGuide::new(Vec3f::zero(), Vec3f::splat(1.0), options).unwrap();
+            guide.randomize(0.3, 2);
+            let mut next = || rng.next_f32();
+            let asked: Vec<(FlowLocal, [f32; 2], Vec3f)> = (0..35)
+                .map(|_| {
+                    let normal = uniform_sphere([next(), next()]);
+                    let position = vec3(next(), next(), next());
+                    let wo = uniform_sphere([next(), next()]);
+                    let local = guide.local(&Query { position, normal, wo, roughness: next() });
+                    (local, [next(), next()], uniform_sphere([next(), next()]))
+                })
+                .collect();
+            for n in [0, 1, 16, 35] {
+                let points: Vec<_> = asked[..n].iter().map(|(l, u, _)| (l, *u)).collect();
+                let directions: Vec<_> = asked[..n].iter().map(|(l, _, wi)| (l, *wi)).collect();
+                let (mut samples, mut densities) = (vec![None; n], vec![f32::NAN; n]);
+                guide.sample_all(&points, &mut samples);
+                guide.pdf_all(&directions, &mut densities);
+                let single: Vec<_> = points.iter().map(|(l, u)| guide.sample(l, *u)).collect();
+                assert_eq!(samples, single, "{domain:?}, {family:?}");
+                let single: Vec<f32> = directions.iter().map(|(l, wi)| guide.pdf(l, *wi)).collect();
+                assert_eq!(densities, single, "{domain:?}, {family:?}");
+                // Both kinds of answers are there.
+                let none = densities.iter().filter(|d| **d == 0.0).count();
+                assert!(n < 35 || domain == Domain::Sphere || (1..n).contains(&none), "{domain:?}: {none}");
+            }
+        }
     }
 }
 

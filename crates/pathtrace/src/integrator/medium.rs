@@ -111,7 +111,7 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
         let from = Receiver::point(p);
         if let Some(light) = self.light_for(&from) {
             let pdf = phase(g, d.dot(light.wi));
-            let weight = self.light_weight(&light, pdf);
+            let weight = self.light_weight(&light, || pdf);
             let arrives = self.throughput.mul(light.radiance) * (weight * pdf / light.pdf);
             if arrives != Vec3f::zero() {
                 let around = Around { absorbers: self.inside, medium: self.medium };

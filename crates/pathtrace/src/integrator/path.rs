@@ -501,13 +501,13 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
         (sample.delta || self.options.strategy != Strategy::Bsdf).then_some(sample)
     }
 
-    /// Weight of a light sample against scattering of density `pdf`.
+    /// Weight of a light sample against scattering of density `pdf`, which is asked for where it matters.
     #[inline(always)]
-    pub(super) fn light_weight(&self, light: &LightSample, pdf: f32) -> f32 {
+    pub(super) fn light_weight(&self, light: &LightSample, pdf: impl FnOnce() -> f32) -> f32 {
         if light.delta || self.options.strategy == Strategy::Light {
             1.0
         } else {
-            power_heuristic(1.0, light.pdf, 1.0, pdf)
+            power_heuristic(1.0, light.pdf, 1.0, pdf())
         }
     }
 
@@ -528,8 +528,9 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
         // What is costly waits until it is known whether something is in the way, unless the sink wants to know it all the same.
         let waits = D::COSTLY && !S::SURFACES && !S::MEDIA;
         let pdf = if waits { own } else { self.sampler.pdf(vertex, local, light.wi, own) };
-        let weight = if waits { 1.0 } else { self.light_weight(&light, pdf) };
-        let arrives = self.throughput.mul(value).mul(light.radiance) * (weight / light.pdf);
+        let weight = if waits { 1.0 } else { self.light_weight(&light, || pdf) };
+        let unshadowed = self.throughput.mul(value).mul(light.radiance);
+        let arrives = unshadowed * (weight / light.pdf);
         if arrives == Vec3f::zero() && !(S::SURFACES && pdf > 0.0) {
             return;
         }
@@ -544,14 +545,16 @@ impl<const F: u32, S: Sink, D: DirectionSampler> Path<'_, F, S, D> {
             self.connect(&light, (at.p, Some(at)), around, (value, weight, arrives));
             return;
         }
-        if !arrives.is_finite() {
-            self.sink.not_finite();
+        let through = self.through(&light, (at.p, Some(at)), around);
+        if through == Vec3f::zero() {
             return;
         }
-        let through = self.through(&light, (at.p, Some(at)), around);
-        if through != Vec3f::zero() {
-            let weight = self.light_weight(&light, self.sampler.pdf(vertex, local, light.wi, own));
-            self.report(&light, Some(at), through, (value, weight, arrives * weight));
+        let weight = self.light_weight(&light, || self.sampler.pdf(vertex, local, light.wi, own));
+        let arrives = unshadowed * (weight / light.pdf);
+        if arrives.is_finite() {
+            self.report(&light, Some(at), through, (value, weight, arrives));
+        } else {
+            self.sink.not_finite();
         }
     }
 

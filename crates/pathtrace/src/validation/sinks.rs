@@ -127,7 +127,7 @@ fn paths_side_by_side_make_the_same_picture() {
     guide.randomize(0.3, 1);
     for (name, world, view) in [
         ("box", World::new(cornell()).unwrap(), cornell_view()),
-        ("mixed", mixed(0.0), from_above()),
+        ("mixed", mixed(0.4), from_above()),
         ("fog", foggy(), cornell_view()),
     ] {
         for aovs in [Vec::new(), vec![Aov::Albedo, Aov::Normal]] {
@@ -149,6 +149,83 @@ fn paths_side_by_side_make_the_same_picture() {
             assert!(single.0.data.iter().any(|v| *v > 0.0), "{name}");
         }
     }
+}
+
+/// A picture whose sink wants to know of light that does not arrive, too.
+#[derive(Default)]
+struct Curious(PictureSink);
+
+impl Sink for Curious {
+    const SURFACES: bool = true;
+    const MEDIA: bool = true;
+
+    fn contribution(&mut self, light: &Contribution) {
+        self.0.contribution(light);
+    }
+
+    fn not_finite(&mut self) {
+        self.0.not_finite();
+    }
+}
+
+#[test]
+fn light_that_waits_for_its_weight_is_that_which_does_not() {
+    let mut guide = FlowGuide::new(Vec3f::splat(-2.0), Vec3f::splat(2.0), FlowOptions::default()).unwrap();
+    guide.randomize(0.3, 1);
+    for (name, world, view) in [
+        ("box", World::new(cornell()).unwrap(), cornell_view()),
+        ("mixed", mixed(0.4), from_above()),
+        ("fog", foggy(), cornell_view()),
+    ] {
+        let renderer = Renderer::new(&world, &view, square(16, 8)).unwrap();
+        let mut sum = 0.0;
+        for path in 0..16 * 16 * 8 {
+            let (pixel, sample) = ([path / 8 % 16, path / 128], (path % 8) as u32);
+            let (mut waiting, mut curious) = (PictureSink::default(), Curious::default());
+            renderer.walk(pixel, sample, &Guided(&guide), &mut waiting);
+            renderer.walk(pixel, sample, &Guided(&guide), &mut curious);
+            let (a, b) = (waiting.radiance, curious.0.radiance);
+            assert!((a - b).length() <= 1e-5 * b.length(), "{name}, {pixel:?}, {sample}: {a:?} {b:?}");
+            sum += a.x;
+        }
+        assert!(sum > 0.0, "{name}");
+    }
+}
+
+/// A guide whose densities are no numbers.
+struct Broken;
+
+impl Guide for Broken {
+    type Local = ();
+
+    fn local(&self, _: &Query) {}
+
+    fn share(&self, (): &()) -> f32 {
+        0.5
+    }
+
+    fn sample(&self, (): &(), u: [f32; 2]) -> Option<(Vec3f, f32)> {
+        Some((uniform_sphere(u), f32::NAN))
+    }
+
+    fn pdf(&self, (): &(), _: Vec3f) -> f32 {
+        f32::NAN
+    }
+}
+
+#[test]
+fn light_without_a_weight_is_left_out() {
+    let world = World::new(cornell()).unwrap();
+    let renderer = Renderer::new(&world, &cornell_view(), square(16, 4)).unwrap();
+    let (mut picture, mut sink) = (PictureSink::default(), TrainingSink::weighted());
+    for pixel in 0..16 * 16 {
+        let at = [pixel % 16, pixel / 16];
+        renderer.walk(at, 0, &Guided(&Broken), &mut picture);
+        sink.begin();
+        renderer.walk(at, 0, &Guided(&Broken), &mut sink);
+    }
+    assert!(picture.radiance.is_finite() && picture.not_finite > 10, "{picture:?}");
+    assert!(sink.vertices.iter().all(|v| v.radiance.is_finite()));
 }
 
 #[test]

@@ -13,16 +13,12 @@ use photofit_shading::bsdf::{Bsdf, Energy, MetallicRoughness};
 /// All paths of a small picture under both samplers.
 fn paths<G: Guide>(renderer: &Renderer<'_>, guide: &G, chooser: Chooser) -> Vec<Path> {
     let densities = Densities { chosen: Cell::new(1.0), light: Cell::new(1.0) };
-    let sampler = Watched { guide, chooser, densities: &densities };
-    let mut sink = Follower { chooser, densities: &densities, path: Path::default(), last: 1.0, vertices: 0 };
+    let mut follower = Follower::new(chooser, &densities);
     let own = renderer.options();
     let mut all = Vec::new();
     for pixel in 0..own.width * own.height {
         for sample in 0..own.spp {
-            sink.begin();
-            renderer.walk([pixel % own.width, pixel / own.width], sample, &sampler, &mut sink);
-            sink.chosen();
-            all.push(sink.path);
+            all.push(follower.follow(renderer, guide, [pixel % own.width, pixel / own.width], sample));
         }
     }
     all

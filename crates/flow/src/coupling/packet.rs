@@ -1,8 +1,8 @@
 //! Answers under many conditions at once: each weight is read once for the vertices in all lanes of a vector.
 
 use super::{Conditioned, Couplings, KEPT, OUTPUTS_MAX, encode};
-use crate::network::{HIDDEN, WAVE};
-use crate::spline::warp_wave;
+use crate::network::{HIDDEN, PACKET};
+use crate::spline::warp_packet;
 use photofit_scalar::Real;
 use photofit_scalar::wide::{Kernel, Width, run_up_to};
 
@@ -51,15 +51,15 @@ impl<T: Real, const FORWARD: bool> Kernel for WarpAll<'_, T, FORWARD> {
     #[inline(always)]
     fn run(self) {
         let Self { couplings, weights, asked, answers } = self;
-        for (asked, answers) in asked.chunks(WAVE).zip(answers.chunks_mut(WAVE)) {
-            wave::<T, FORWARD>(couplings, weights, asked, answers);
+        for (asked, answers) in asked.chunks(PACKET).zip(answers.chunks_mut(PACKET)) {
+            packet::<T, FORWARD>(couplings, weights, asked, answers);
         }
     }
 }
 
-/// At most [`WAVE`] answers; lanes without a question hold zeros.
+/// At most [`PACKET`] answers; lanes without a question hold zeros.
 #[inline(always)]
-fn wave<T: Real, const FORWARD: bool>(
+fn packet<T: Real, const FORWARD: bool>(
     couplings: &Couplings,
     weights: &[T],
     asked: &[Asked<'_, T>],
@@ -72,29 +72,29 @@ fn wave<T: Real, const FORWARD: bool>(
     for step in 0..couplings.layers {
         let layer = if FORWARD { step } else { couplings.layers - 1 - step };
         let (kept, warped) = (layer % 2, 1 - layer % 2);
-        let mut first = [[T::zero(); WAVE]; HIDDEN];
-        let (mut at, mut encoded) = ([T::zero(); WAVE], [[T::zero(); WAVE]; KEPT]);
+        let mut first = [[T::zero(); PACKET]; HIDDEN];
+        let (mut at, mut encoded) = ([T::zero(); PACKET], [[T::zero(); PACKET]; KEPT]);
         for (l, ((condition, _), (x, _))) in asked.iter().zip(answers.iter()).enumerate() {
             at[l] = x[kept];
             for (to, from) in first.iter_mut().zip(&condition.0[layer]) {
                 to[l] = *from;
             }
         }
-        for l in 0..WAVE {
+        for l in 0..PACKET {
             let numbers = encode(at[l]);
             for k in 0..KEPT {
                 encoded[k][l] = numbers[k];
             }
         }
-        let mut logits = [[T::zero(); WAVE]; OUTPUTS_MAX];
+        let mut logits = [[T::zero(); PACKET]; OUTPUTS_MAX];
         let weights = &weights[layer * network.len()..][..network.len()];
-        network.rest_of_wave(weights, &mut first, &encoded, &mut logits);
-        let mut x = [T::zero(); WAVE];
+        network.rest_of_packet(weights, &mut first, &encoded, &mut logits);
+        let mut x = [T::zero(); PACKET];
         for (x, (from, _)) in x.iter_mut().zip(answers.iter()) {
             *x = from[warped];
         }
         let logits = &logits[..network.outputs];
-        let slopes = warp_wave::<T, FORWARD>(couplings.family, couplings.bins, logits, &mut x);
+        let slopes = warp_packet::<T, FORWARD>(couplings.family, couplings.bins, logits, &mut x);
         for ((to, density), (x, slope)) in answers.iter_mut().zip(x.iter().zip(slopes)) {
             to[warped] = *x;
             *density *= slope;
@@ -109,11 +109,11 @@ mod tests {
     use photofit_gradcheck::Uniform;
 
     #[test]
-    fn answers_of_waves_have_the_bits_of_single_ones() {
+    fn answers_of_packets_have_the_bits_of_single_ones() {
         let mut random = Uniform::new(6);
         for shape in shapes() {
             let w: Vec<f32> = weights(&shape, &mut random).iter().map(|w| *w as f32).collect();
-            let conditions: Vec<Conditioned<f32>> = (0..2 * WAVE + 3)
+            let conditions: Vec<Conditioned<f32>> = (0..2 * PACKET + 3)
                 .map(|_| {
                     let c: Vec<f32> = random.vec(6, -1.0, 1.0).iter().map(|c| *c as f32).collect();
                     shape.under(&w, &c)
@@ -134,7 +134,7 @@ mod tests {
                 asked.iter().map(one).collect()
             };
             for width in Width::ALL {
-                for count in [0, 1, WAVE, asked.len()] {
+                for count in [0, 1, PACKET, asked.len()] {
                     let mut answers = vec![([0.0; 2], 0.0); count];
                     let (couplings, weights, asked) = (&shape, &w[..], &asked[..count]);
                     let forward = WarpAll::<_, true> { couplings, weights, asked, answers: &mut answers };

@@ -7,8 +7,8 @@ use crate::integrator::path::trace_with;
 use photofit_sampling::{DirectionSampler, Paths, SideBySide};
 use std::cell::Cell;
 
-/// Fewest samples that are kept until they are added to the film; the last ones have fewer beside them.
-const KEPT: usize = 4096;
+/// Samples that are walked before they are added to the film, in whole pixels: the more, the fewer walks idle at the end; more than this leave the caches.
+const BATCH: usize = 4096;
 
 /// Samples of some pixels of a tile, the samples of a pixel one after another.
 struct Samples<'a, const F: u32> {
@@ -36,7 +36,7 @@ impl<const F: u32> Paths for Samples<'_, F> {
 /// Adds the samples that a tile lacks.
 pub(super) fn tile<const F: u32, W: SideBySide>(job: &Job<'_>, tile: &mut Tile, walker: &W, aovs: bool) {
     let each = (job.target - tile.count) as usize;
-    let (pixels, some) = (tile.width * tile.height, KEPT.div_ceil(each));
+    let (pixels, some) = (tile.width * tile.height, BATCH.div_ceil(each));
     let found = vec![Cell::new(PathSample::default()); some.min(pixels) * each];
     for first in (0..pixels).step_by(some) {
         let count = some.min(pixels - first);
