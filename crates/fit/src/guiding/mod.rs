@@ -442,8 +442,8 @@ fn within_limit(
     if fits(options.side) {
         return Ok(Some(*options));
     }
-    let smaller = GuidingOptions::SIDES.into_iter().filter(|side| *side < options.side && fits(*side));
-    let side = smaller.last().unwrap_or(smallest);
+    let smaller = |side: &usize| *side < options.side && fits(*side);
+    let side = GuidingOptions::SIDES.into_iter().rev().find(smaller).unwrap_or(smallest);
     Ok(Some(GuidingOptions { side, limit: options.limit, ..options.with_rounds(least) }))
 }
 

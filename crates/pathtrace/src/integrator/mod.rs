@@ -4,6 +4,7 @@ mod absorbers;
 mod emission;
 mod first;
 pub(crate) mod medium;
+mod next_event;
 pub(crate) mod path;
 mod sink;
 mod split;
