@@ -89,8 +89,9 @@ mod tests {
                 let (before, after) = (one(before), one(after));
                 let first = training(&before, &options(&before, Vec::new()));
                 let known = trainings(&after, &options(&after, Vec::new()));
-                for rounds in 3..=first.rounds {
-                    let saved = first.with_rounds(rounds);
+                let reached = |s: &(usize, u32)| s.0 <= first.side && s.1 <= first.rounds;
+                for (side, rounds) in GuidingOptions::stages().filter(reached) {
+                    let saved = GuidingOptions { side, ..first.with_rounds(rounds) };
                     assert!(known.contains(&Some(saved)), "{guide}: {before:?} {after:?}");
                 }
                 assert!(known.contains(&None));

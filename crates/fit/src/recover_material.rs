@@ -103,7 +103,8 @@ impl Default for RecoverMaterialOptions {
 
 /// A guide for a round: four rounds of training and a pilot run of 8 paths at 32 pixels a side.
 pub fn guiding(guiding: Guiding) -> GuidingOptions {
-    GuidingOptions { side: 32, rounds: 4, pilot: 8, ..GuidingOptions::new(guiding) }
+    let cost = guiding.single_cost();
+    GuidingOptions { side: 32, rounds: 4, pilot: 8, cost, ..GuidingOptions::new(guiding) }
 }
 
 /// What was recovered.

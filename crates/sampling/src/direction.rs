@@ -75,11 +75,11 @@ pub trait DirectionSampler {
     /// What the answers at one vertex share.
     type Local;
 
-    /// Whether [`Self::pdf`] costs more than to see whether something is in the way: it may then be asked for lights that arrive
-    /// alone, or not at all.
+    /// Whether [`Self::pdf`] costs more than to see whether something is in the way: it may then be asked only for lights that
+    /// arrive, or for none.
     const COSTLY: bool;
 
-    /// Prepares answers at a vertex. A sampler may answer at the last vertex alone: what was prepared before is used up.
+    /// Prepares answers at a vertex.
     fn local<S: Scattering>(&self, at: &Vertex<'_, S>) -> Self::Local;
 
     /// A direction for `lobe` and `u` in `[0, 1)`; `None` where the path ends. `local` is that of the vertex.
@@ -104,8 +104,8 @@ pub trait Paths {
     fn walk<D: DirectionSampler>(&self, path: usize, sampler: &D);
 }
 
-/// Walks many paths side by side, so that what they ask of a sampler can be answered together. A path asks at the vertex that it prepared
-/// last; sinks that split paths ask at earlier ones, too.
+/// Walks many paths side by side, so that what they ask of a sampler can be answered together. A path
+/// must ask only at the vertex that it prepared last, so that paths which sinks split must not be walked so.
 pub trait SideBySide {
     /// Walks the paths from 0 to `count - 1`, each of them once and on this thread. They begin in order, but take turns.
     fn walk_all<P: Paths>(&self, count: usize, paths: &P);

@@ -2,13 +2,13 @@
 //! the picture is rendered with it or without.
 //!
 //! Training is a function of the scene, the options and the seed: it has a fixed number of paths, none of which is in the
-//! picture, and reads no clock unless it is given a limit of time. That leaves out rounds, and the report tells how many there
-//! were ([`GuidingReport::rounds`]). A render that goes on later trains again with as many ([`GuidingOptions::with_rounds`]), to the
-//! same bits.
+//! picture, and reads no clock unless it is given a limit of time. That makes training pictures smaller and leaves out rounds, and the
+//! report tells of what size they were and how many ([`GuidingReport::side`], [`GuidingReport::rounds`]). A render that goes on later
+//! trains again as the report tells ([`GuidingOptions::as_trained`]), to the same bits.
 //!
 //! Rounds of training double in length; each walks paths with what the rounds before it learned. Whether the guide pays is
 //! judged by variance times work on paths of their own, where work is counted in path vertices, weighted by the costs of
-//! [`Guiding::cost`], so that the decision does not depend on the machine.
+//! [`GuidingOptions::cost`], so that the decision does not depend on the machine.
 
 mod clock;
 mod pilot;
@@ -62,8 +62,8 @@ impl Guiding {
         }
     }
 
-    /// The same of training and pilot run, whose paths are not walked side by side.
-    pub fn training_cost(self) -> f64 {
+    /// The same where paths are not walked side by side: in training, pilot runs and gradients.
+    pub fn single_cost(self) -> f64 {
         match self {
             Self::Flow => 5.0,
             Self::Off | Self::Lobes => self.cost(),
@@ -90,11 +90,14 @@ pub struct GuidingOptions {
     /// Most rounds of training; round `r` walks `2^r` paths a pixel.
     pub rounds: u32,
     /// Most time of training and pilot run: what takes longer is given up. Pictures are trained on that are as small as three rounds and the pilot
-    /// run in half of it ask for, of [`Self::SIDES`], judged by a path a pixel of the smallest. A round after the third is walked where it and the
+    /// run in half of it ask for, of [`Self::SIDES`], judged by a path a pixel of the smallest; what learning takes is not counted. A round after the third is walked where it and the
     /// pilot run are expected to end in half of it, judged by the round before. `None`: as long as it takes.
     pub limit: Option<Duration>,
     /// Paths a pixel of the pilot run, with the guide and without; at least 2 are walked.
     pub pilot: u32,
+    /// Cost of a path vertex of what is guided over that of one without a guide: [`Guiding::cost`] for pictures,
+    /// [`Guiding::single_cost`] for gradients.
+    pub cost: f64,
     /// Least gain (variance times work without the guide over that with it) for which the guide is used; 0 uses it always.
     pub least_gain: f64,
     /// Most records that a round learns from.
@@ -114,6 +117,7 @@ impl GuidingOptions {
             rounds: 5,
             limit: None,
             pilot: pilot_of(5),
+            cost: guiding.cost(),
             least_gain: 1.15,
             records: 1 << 18,
             flow: FlowOptions::default(),
@@ -144,9 +148,16 @@ impl GuidingOptions {
         Self { rounds, limit: None, pilot: pilot_of(rounds), ..self }
     }
 
+    /// So many rounds at most and the pilot run that belongs to them, in pictures of this size.
+    fn cut(self, side: usize, rounds: u32) -> Self {
+        let rounds = rounds.min(self.rounds);
+        let pilot = if rounds < self.rounds { self.pilot.min(pilot_of(rounds)) } else { self.pilot };
+        Self { side, rounds, pilot, ..self }
+    }
+
     /// Those of a training that came to this report, whatever time it takes.
     pub fn as_trained(self, report: &GuidingReport) -> Self {
-        Self { side: report.side, ..self.with_rounds(report.rounds) }
+        Self { limit: None, ..self.cut(report.side, report.rounds) }
     }
 
     /// As [`Self::new`] for a picture of known samples: training and pilot run are at most a tenth of the work of
@@ -154,7 +165,7 @@ impl GuidingOptions {
     /// side, or more rounds where they fit at 96 pixels. The pilot run walks 4 paths a pixel with the guide and 4 without it, from 5
     /// rounds on 8.
     ///
-    /// Work is counted in paths of the picture, those that ask a guide for [`Guiding::training_cost`]; what learning from them takes is not counted. A flow learns from one record for 96
+    /// Work is counted in paths of the picture, those that ask a guide for [`Guiding::single_cost`]; what learning from them takes is not counted. A flow learns from one record for 96
     /// paths of the picture at most, but from up to 1,024 in each round.
     pub fn for_picture(guiding: Guiding, options: &RenderOptions) -> Self {
         let (width, height) = (options.width.max(1) as f64, options.height.max(1) as f64);
@@ -182,7 +193,7 @@ fn pilot_of(rounds: u32) -> u32 {
 /// Work of so many rounds and their pilot run, in paths a pixel without a guide, of which the first round is.
 fn work(rounds: u32, guiding: Guiding) -> f64 {
     let guided = f64::from(rounds).exp2() - 2.0 + 2.0 * f64::from(pilot_of(rounds));
-    1.0 + guided * guiding.training_cost()
+    1.0 + guided * guiding.single_cost()
 }
 
 /// A guide that has learned.
@@ -278,7 +289,7 @@ impl Guidance {
             clock.last = now().saturating_sub(before);
             rounds += 1;
         }
-        let pilot = if rounds < options.rounds { options.pilot.min(pilot_of(rounds)) } else { options.pilot };
+        let pilot = options.cut(options.side, rounds).pilot;
         // Both trials take numbers of their own: each is part of both variances.
         let trial = |chooser, number: u32| -> Result<Option<Trial>, FitError> {
             let views = stage(u64::from(rounds + number))?;
@@ -434,7 +445,7 @@ fn within_limit(
         return Ok(None);
     }
     let took = (clock.now)().saturating_sub(before);
-    let least = *GuidingOptions::ROUNDS.start();
+    let least = options.rounds.min(*GuidingOptions::ROUNDS.start());
     let fits = |side: usize| {
         let part = (side.min(picture) as f64 / smallest as f64).powi(2);
         took.as_secs_f64() * part * work(least, options.guiding) <= 0.5 * limit.as_secs_f64()
@@ -444,7 +455,7 @@ fn within_limit(
     }
     let smaller = |side: &usize| *side < options.side && fits(*side);
     let side = GuidingOptions::SIDES.into_iter().rev().find(smaller).unwrap_or(smallest);
-    Ok(Some(GuidingOptions { side, limit: options.limit, ..options.with_rounds(least) }))
+    Ok(Some(options.cut(side, least)))
 }
 
 /// A small render of the same view with numbers of its own.

@@ -21,7 +21,7 @@ pub struct GuidingReport {
     pub work_ratio: f64,
     /// The gain that was asked for.
     pub least_gain: f64,
-    /// Largest side of the pictures that were trained on, pixels.
+    /// [`GuidingOptions::side`] of the pictures that were trained on, which are never larger than the picture.
     pub side: usize,
     /// Rounds of training.
     pub rounds: u32,
@@ -42,7 +42,7 @@ impl GuidingReport {
             [without, with] => without / with,
         };
         let guiding = options.guiding;
-        let work_ratio = guiding.cost() * guided.work as f64 / plain.work as f64;
+        let work_ratio = options.cost * guided.work as f64 / plain.work as f64;
         let gain = variance_ratio / work_ratio;
         let used = options.least_gain <= 0.0 || gain >= options.least_gain;
         let least_gain = options.least_gain;

@@ -252,7 +252,7 @@ fn a_guide_that_does_not_pay_switches_itself_off() {
 /// Work of training and pilot run, in paths of the picture.
 fn work(stage: &GuidingOptions, paths: u64, pixels: u64) -> f64 {
     // The first round is walked without a guide.
-    pixels as f64 + (paths - pixels) as f64 * stage.guiding.training_cost()
+    pixels as f64 + (paths - pixels) as f64 * stage.guiding.single_cost()
 }
 
 #[test]
@@ -367,8 +367,7 @@ fn a_limit_of_time_makes_the_pictures_of_training_smaller() {
         let now = || seconds(asked.replace(asked.get() + 1));
         Guidance::train_by(&now, std::slice::from_ref(&renderer), stage, || false).unwrap()
     };
-    let stage = small(Guiding::Lobes).with_rounds(4);
-    let stage = GuidingOptions { side: 96, ..stage };
+    let stage = GuidingOptions { side: 96, ..small(Guiding::Lobes).with_rounds(4) };
     // A path a pixel of the smallest picture takes two seconds by this clock, and three rounds with their pilot run as long as 23.4 paths.
     for (limit, side, rounds) in
         [(1 << 20, 96, 4), (1400, 64, 3), (700, 64, 3), (600, 48, 3), (200, 32, 3), (60, 24, 3)]
@@ -381,6 +380,12 @@ fn a_limit_of_time_makes_the_pictures_of_training_smaller() {
         let known = GuidingOptions::stages().any(|s| s == (side, rounds));
         assert!(known, "{side} pixels, {rounds} rounds: no render knows");
     }
+    // Fewer rounds than three and another pilot run stay what they are.
+    let fewer = GuidingOptions { rounds: 2, pilot: 3, ..stage };
+    let limited = trained(&GuidingOptions { limit: Some(seconds(60)), ..fewer });
+    let report = limited.report().unwrap();
+    assert_eq!((report.side, report.rounds, report.paths), (24, 2, (1 + 2 + 2 * 3) * 24 * 24));
+    assert_eq!(Some(report), trained(&fewer.as_trained(report)).report());
 }
 
 #[test]

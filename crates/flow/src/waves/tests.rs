@@ -208,6 +208,31 @@ fn a_walk_that_panics_ends_the_wave_with_its_message() {
     }
 }
 
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64", target_arch = "riscv64"))]
+#[test]
+fn a_walk_that_asks_at_an_earlier_vertex_is_told() {
+    struct Early;
+    impl Paths for Early {
+        fn walk<D: DirectionSampler>(&self, path: usize, sampler: &D) {
+            let normal = vec3(0.0, 0.0, 1.0);
+            let at = |x: f32| {
+                let position = vec3(x, 0.0, 0.0);
+                Vertex { position, normal, wo: vec3(0.6, 0.0, 0.8), scattering: &Matte }
+            };
+            let first = sampler.local(&at(0.1));
+            let second = sampler.local(&at(0.9));
+            sampler.pdf(&at(0.9), &second, normal, 0.3);
+            if path == 5 {
+                sampler.pdf(&at(0.1), &first, normal, 0.3);
+            }
+        }
+    }
+    let guide = flow();
+    let payload = catch_unwind(AssertUnwindSafe(|| Waves(&guide).walk_all(40, &Early))).unwrap_err();
+    let message = payload.downcast_ref::<String>().unwrap();
+    assert!(message.contains("the vertex that it prepared last"), "{message}");
+}
+
 #[test]
 fn waves_within_waves_work() {
     struct Outer<'a>(&'a FlowGuide, Vec<Cell<u32>>);

@@ -192,7 +192,8 @@ pub trait Sink {
     #[inline(always)]
     fn attenuate(&mut self, _factor: Vec3f) {}
 
-    /// Light.
+    /// Light. Lights that something keeps from the vertex are reported with none arriving, or not at all
+    /// ([`photofit_sampling::DirectionSampler::COSTLY`]).
     fn contribution(&mut self, light: &Contribution);
 
     /// A contribution or a throughput was not finite; it is left out.
