@@ -185,6 +185,7 @@ fn affine_packet<T: Real>(weights: &[T], x: &[[T; PACKET]], y: &mut [[T; PACKET]
 fn add_packet<T: Real>(y: &mut [[T; PACKET]], weights: &[T], x: &[[T; PACKET]]) {
     let outputs = y.len();
     for (c, block) in y.as_chunks_mut::<BLOCK>().0.iter_mut().enumerate() {
+        // One name for each sum: with an array of them, which does not stay in registers, answers take three times as long.
         let [mut s, mut t, mut u, mut v] = *block;
         let rows = weights[c * BLOCK..].chunks(outputs).filter_map(|row| row.first_chunk::<BLOCK>());
         for (row, x) in rows.zip(x) {

@@ -121,15 +121,26 @@ fn from_above() -> View {
     looking([0.0, 1.2, 2.2], [0.0, 0.2, 0.0], 0.8)
 }
 
-#[test]
-fn paths_side_by_side_make_the_same_picture() {
+/// A flow of random weights.
+fn random_flow() -> FlowGuide {
     let mut guide = FlowGuide::new(Vec3f::splat(-2.0), Vec3f::splat(2.0), FlowOptions::default()).unwrap();
     guide.randomize(0.3, 1);
-    for (name, world, view) in [
+    guide
+}
+
+/// Worlds where something is in the way of lights: solid, absorbing, and a medium.
+fn lights_with_obstacles() -> [(&'static str, World, View); 3] {
+    [
         ("box", World::new(cornell()).unwrap(), cornell_view()),
         ("mixed", mixed(0.4), from_above()),
         ("fog", foggy(), cornell_view()),
-    ] {
+    ]
+}
+
+#[test]
+fn paths_side_by_side_make_the_same_picture() {
+    let guide = random_flow();
+    for (name, world, view) in lights_with_obstacles() {
         for aovs in [Vec::new(), vec![Aov::Albedo, Aov::Normal]] {
             // Tiles at the edge are 3 pixels wide.
             let options = RenderOptions { aovs: aovs.clone(), ..square(19, 70) };
@@ -170,13 +181,8 @@ impl Sink for Curious {
 
 #[test]
 fn light_that_waits_for_its_weight_is_that_which_does_not() {
-    let mut guide = FlowGuide::new(Vec3f::splat(-2.0), Vec3f::splat(2.0), FlowOptions::default()).unwrap();
-    guide.randomize(0.3, 1);
-    for (name, world, view) in [
-        ("box", World::new(cornell()).unwrap(), cornell_view()),
-        ("mixed", mixed(0.4), from_above()),
-        ("fog", foggy(), cornell_view()),
-    ] {
+    let guide = random_flow();
+    for (name, world, view) in lights_with_obstacles() {
         let renderer = Renderer::new(&world, &view, square(16, 8)).unwrap();
         let mut sum = 0.0;
         for path in 0..16 * 16 * 8 {

@@ -15,8 +15,6 @@ use crate::timing;
 
 /// Vertices of a timed pass.
 const VERTICES: usize = 1 << 10;
-/// Bytes that are read between two answers: more than the first cache holds.
-const OTHER: usize = 1 << 16;
 /// The features of positions beside the default ones.
 const TENSOR: Encoding = Encoding::Tensor(Tensor { nodes: 50 });
 /// The density is asked for in this direction.
@@ -39,10 +37,9 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
             whole(ctx, name, &guide);
         }
         whole(ctx, "lobes", &lobes()?);
-        among_others(ctx, &FlowGuide::new(Vec3f::zero(), Vec3f::splat(1.0), plain)?);
         ctx.note(format!(
             "One thread, {VERTICES} vertices at random places; weights of the flow are random, lobes learned of a near lamp. \"Sample\" and \"density\" include \
-             the features of the vertex, \"at a vertex\" leaves them out. A sample or a density needs the network, a spline \
+             the features of the vertex, \"at a vertex\" leaves them out, \"among all\" too and answers for all vertices together. A sample or a density needs the network, a spline \
              and its use twice, the grid and the chart once."
         ));
         Ok(())
@@ -109,17 +106,6 @@ fn whole<G: Guide>(ctx: &mut Context, name: &str, guide: &G) {
     each(ctx, name, "density among all", || {
         guide.pdf_all(&directions, &mut densities);
         densities.iter().sum()
-    });
-}
-
-/// A density where other memory is read between answers, as a path does: what answers for many vertices at once could save.
-fn among_others(ctx: &mut Context, guide: &FlowGuide) {
-    let locals: Vec<_> = vertices().iter().map(|(q, _)| guide.local(q)).collect();
-    let memory = vec![1.0_f32; OTHER / size_of::<f32>()];
-    let read = |first: usize| memory.iter().skip(first % 16).step_by(16).sum::<f32>();
-    each(ctx, "other memory", "read", || (0..VERTICES).map(read).sum());
-    each(ctx, "other memory", "read, then a density", || {
-        locals.iter().enumerate().map(|(i, l)| read(i) + guide.pdf(l, DIRECTION)).sum()
     });
 }
 
