@@ -9,7 +9,7 @@ use crate::threads;
 use anyhow::{Result, anyhow, bail};
 use photofit_fit::engine::not_finite_told;
 use photofit_image::Image;
-use photofit_pathtrace::{Adjoint, GradientSamples, Parameter, RenderOptions, World};
+use photofit_pathtrace::{Adjoint, GradientSamples, Parameter, PathtraceError, RenderOptions, World};
 use serde_json::{Value, json};
 use std::time::Instant;
 
@@ -47,7 +47,8 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     }
     let (loss, unit) = weights(a, &subject.options)?;
     let named = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", a.scene.input.display());
-    let world = World::with_options(subject.parts, subject.world).map_err(|e| named(&e))?;
+    let mut world = World::with_options(subject.parts, subject.world).map_err(|e| named(&e))?;
+    let lifted = lift(&mut world, &key).map_err(|e| named(&e))?;
     let parameters = std::slice::from_ref(&key.parameter);
     let adjoint = Adjoint::new(&world, &subject.views[0], subject.options.clone(), parameters)
         .map_err(|e| explained(&a.scene, &e))?;
@@ -74,6 +75,7 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     }
     if let Some(file) = &a.json {
         let mut figures = to_json(a, &subject.options, &key, &values);
+        figures["lifted"] = json!(lifted);
         figures["spp"] = json!(samples.estimates().into_iter().product::<u32>());
         figures["residual"] = json!(gradient.residual);
         figures["not_finite"] = json!(gradient.not_finite);
@@ -84,12 +86,34 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     if gradient.not_finite > 0 {
         crate::progress::say(&not_finite_told(gradient.not_finite));
     }
+    if let Some(least) = key.quantity.least_light().filter(|_| lifted > 0) {
+        let of = key.shape.iter().product::<usize>();
+        crate::progress::say(&format!(
+            "{name}: {lifted} of {of} numbers are 0, where paths do not find their light; derivatives are those at {least} there"
+        ));
+    }
     if values[0].iter().all(|v| *v == 0.0) {
         crate::progress::say(&format!(
             "warning: {name}: no path depends on it; it may be out of sight, the weights may be 0, or --max-depth may be too small"
         ));
     }
     Ok(Ending::Done)
+}
+
+/// Moves values of 0 to where paths find the light that comes by them; gives their number. (The light that a black channel of a
+/// reflectance would scatter, or a black texel emit, ends there, and with it most of their derivative.)
+fn lift(world: &mut World, key: &Key) -> Result<usize, PathtraceError> {
+    let Some(least) = key.quantity.least_light() else { return Ok(0) };
+    let mut values = world.parameter(&key.parameter)?;
+    let mut lifted = 0;
+    for v in values.iter_mut().filter(|v| **v == 0.0) {
+        *v = least;
+        lifted += 1;
+    }
+    if lifted > 0 {
+        world.set_parameter(&key.parameter, &values)?;
+    }
+    Ok(lifted)
 }
 
 fn list(keys: &[Key]) -> Result<()> {

@@ -74,7 +74,7 @@ pub(crate) fn run(a: &RecoverMaterial) -> Result<Ending> {
     let mut results = Results::default();
     let path = |name: &str| a.output.join(name);
     let written = photofit_scene::save_glb(path(FILES[0]), &r.asset).map_err(Into::into);
-    // What is judged is what was written.
+    // Errors of a self-test are those of what was written; the sheet and the page show the model, before it is rounded to 8 bits.
     let file_is_there = results.took(written);
     let asset = if file_is_there { photofit_scene::load(path(FILES[0]))? } else { r.asset.clone() };
     let layers = [("", &r.environment, &["R", "G", "B"][..])];

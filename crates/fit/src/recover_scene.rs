@@ -20,6 +20,7 @@ use crate::pictures::value_fault;
 use crate::{FitError, Progress};
 use photofit_image::Image;
 use photofit_pathtrace::{MaterialValue, MediumValue, Parameter, View};
+use photofit_scene::{MapKind, SurfaceLibrary};
 
 pub use crate::engine::trainer::relative_error;
 
@@ -80,8 +81,9 @@ pub struct RecoveredScene {
 /// moved into them first.
 ///
 /// # Errors
-/// See [`FitError`]: pictures of another size or number than the model's, values that are not finite; lights and emission
-/// that start at 0, where they have no derivative; a step at which the scene has no light.
+/// See [`FitError`]: pictures of another size or number than the model's, values that are not finite; lights, emission and maps of
+/// emission of assets that are all 0 at the start, where they have no derivative (what a tree of BSDFs emits is not looked at, nor single values: ranges that begin
+/// above 0 keep them from it); a step at which the scene has no light.
 pub fn recover_scene(
     model: Traced,
     views: &[View],
@@ -289,12 +291,21 @@ fn smoothed(model: &Traced, steps: bool) -> Item {
 /// Moves the values into their ranges, so that what has no derivative at 0 starts above it.
 fn begin(model: &mut Traced) -> Result<(), FitError> {
     for k in 0..model.parameters.len() {
-        let [low, high] = model.parameters[k].range;
-        let values: Vec<f32> = model.of(k).iter().map(|v| v.clamp(low, high)).collect();
+        let ranges = model.ranges(k);
+        let within =
+            |(i, v): (usize, &f32)| v.clamp(ranges[i % ranges.len()][0], ranges[i % ranges.len()][1]);
+        let values: Vec<f32> = model.of(k).iter().enumerate().map(within).collect();
         let radiates = match &model.parameters[k].parameter {
             Parameter::Light { .. } | Parameter::Environment => true,
             Parameter::Material { value, .. } => {
                 matches!(value, MaterialValue::Emission | MaterialValue::Emissive)
+            }
+            Parameter::Texels { texture } => {
+                let world = model.world();
+                let glows = |l: &SurfaceLibrary| {
+                    (0..l.materials()).any(|m| l.texture_of(m, MapKind::Emissive) == Some(*texture))
+                };
+                world.library().is_some_and(glows)
             }
             _ => false,
         };

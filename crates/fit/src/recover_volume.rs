@@ -18,6 +18,7 @@ use photofit_pathtrace::{
     EnvironmentMap, Field, LightSource, MediumRef, MediumValue, Parameter, Parts, RenderOptions, View,
     Volume, World,
 };
+use photofit_sampling::hash;
 use photofit_scalar::Vec3f;
 use std::sync::Mutex;
 
@@ -30,6 +31,10 @@ const SIZES: core::ops::RangeInclusive<usize> = 1..=512;
 /// Albedo and optical thickness across the box that the fit starts from.
 const ALBEDO: f32 = 0.6;
 const THICKNESS: f64 = 0.5;
+/// Most radiance that the cloud emits across the longest side of its box.
+const BRIGHTEST: f32 = 1e6;
+/// Tells the random numbers of grids from one another.
+const GRID: u64 = 0x6772_6964;
 
 /// The light around a cloud.
 #[derive(Clone, Debug, Default)]
@@ -204,8 +209,11 @@ pub fn recover_volume(
         let name = format!("{x} x {y} x {z} voxels");
         let shown = OfPart { progress, done, steps: options.steps, name, told: &told };
         let r = chain.fit(1, &shown, |checkpointing| {
-            let model = model_of(&grid)?;
-            let (rate, seed, checkpointing) = (options.rate, options.seed, checkpointing.clone());
+            let mut model = model_of(&grid)?;
+            // Grids have noise of their own: values follow that of the grid before.
+            let seed = if level > 0 { hash(options.seed, GRID, level as u64) } else { options.seed };
+            model.options.seed = seed;
+            let (rate, checkpointing) = (options.rate, checkpointing.clone());
             let own = RecoverSceneOptions { steps: end - done, rate, seed, checkpointing };
             recover_scene::fit(model, views, pictures, &own, &shown)
         })?;
@@ -394,12 +402,15 @@ impl Grid {
             shape: [z, y, x, channels],
             range: [0.0, high],
         };
-        let mut parameters = vec![of("extinction", MediumValue::Extinction, 1, 1e6)];
+        // What is thicker than that is as opaque, and would have no derivative; light of its own is as much brighter in a box as that is smaller.
+        let extent = (hi - lo).max_element() as f32;
+        let thickest = Volume::THICKEST / extent;
+        let mut parameters = vec![of("extinction", MediumValue::Extinction, 1, thickest)];
         if options.albedo.is_none() {
             parameters.push(of("albedo", MediumValue::Albedo, 3, 1.0));
         }
         if emits {
-            parameters.push(of("emission", MediumValue::Emission, 3, 1e6));
+            parameters.push(of("emission", MediumValue::Emission, 3, BRIGHTEST / extent));
         }
         let render =
             RenderOptions { width, height, spp: options.spp, seed: options.seed, ..RenderOptions::default() };

@@ -82,6 +82,11 @@ impl Quantity {
         }
     }
 
+    /// The least value at which paths find light that comes by it, where they find none at 0.
+    pub(crate) fn least_light(self) -> Option<f32> {
+        matches!(self, Self::Color | Self::Radiance).then_some(FAINT)
+    }
+
     /// The channels of `channels` that pictures depend on.
     pub(crate) fn read(self, channels: usize) -> Range<usize> {
         if self == Self::MetallicRoughness { 1..channels.min(3) } else { 0..channels }

@@ -22,12 +22,15 @@ use photofit_image::Image;
 use photofit_optim::Optimizer;
 use photofit_pathtrace::{Adjoint, GradientSamples, Parameter, RenderOptions, Renderer, View, World};
 use photofit_sampling::hash;
+use photofit_scene::MapKind;
+use photofit_shading::ROUGHNESS_MIN;
 use std::borrow::Cow;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Tell the random numbers of pictures and gradients from one another.
 const PICTURE: u64 = 0x7069_6374;
 const GRADIENT: u64 = 0x6772_6164;
+
 /// A parameter that is fitted.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TracedParameter {
@@ -90,6 +93,8 @@ pub struct Traced {
     /// What pictures and gradients leave out.
     pub(crate) not_finite: NotFinite,
     values: Vec<Vec<f32>>,
+    /// See [`floor`].
+    floors: Vec<Vec<f32>>,
     /// What moves of each parameter.
     motions: Vec<Motion>,
     /// How much of the phase was made when a step was last begun.
@@ -118,10 +123,12 @@ impl Traced {
             values.push(read.chunks_exact(held).flat_map(|v| v[..p.channels()].to_vec()).collect());
         }
         let (gradient_spp, evaluation_spp, smoothing) = (1, 64, Smoothing::default());
+        let floors = parameters.iter().map(|p| floor(&world, p)).collect();
         let (world, compared) = (Mutex::new(world), ComparedPixels::default());
         let motions = parameters.iter().map(|_| Motion::Values).collect();
         let guidance = Guidance::off();
         let mut made = Self {
+            floors,
             guidance,
             not_finite: NotFinite::default(),
             motions,
@@ -261,6 +268,12 @@ impl Traced {
             Motion::Logarithms(l) => l,
             Motion::Correction(c) => &mut c.grid,
         }
+    }
+
+    /// Lowest and highest value of each channel of a parameter.
+    pub(crate) fn ranges(&self, parameter: usize) -> Vec<[f32; 2]> {
+        let [low, high] = self.parameters[parameter].range;
+        self.floors[parameter].iter().map(|floor| [low.max(*floor), high]).collect()
     }
 
     /// Slices, rows and columns of what moves of a parameter, and its lowest and highest value.
@@ -404,17 +417,36 @@ impl Traced {
     }
 }
 
+/// The value of each channel below which pictures do not depend on it, so that it would have no derivative: of the roughness in
+/// maps of assets, else none.
+fn floor(world: &World, p: &TracedParameter) -> Vec<f32> {
+    let mut floor = vec![f32::NEG_INFINITY; p.channels()];
+    if let (Parameter::Texels { texture }, Some(library)) = (&p.parameter, world.library()) {
+        let tells = |m| library.texture_of(m, MapKind::MetallicRoughness) == Some(*texture);
+        if let Some(roughness) = floor.get_mut(1)
+            && (0..library.materials()).any(tells)
+        {
+            *roughness = ROUGHNESS_MIN as f32;
+        }
+    }
+    floor
+}
+
 impl Chain for Traced {
     type Gradients = Vec<Vec<f32>>;
 
     fn groups(&self) -> Vec<Group> {
         let group = |(k, p): (usize, &TracedParameter)| {
             let (shape, range) = self.moving_shape(k);
+            let ranges = match self.motions[k] {
+                Motion::Values => self.ranges(k),
+                Motion::Logarithms(_) | Motion::Correction(_) => vec![range; p.channels()],
+            };
             Group {
                 name: Cow::Owned(p.name.clone()),
                 rows: shape.iter().product(),
                 columns: p.channels(),
-                ranges: vec![range; p.channels()],
+                ranges,
                 unit: None,
                 rates: Vec::new(),
             }

@@ -9,9 +9,6 @@ use photofit_scalar::{Vec3f, vec3};
 
 /// Voxels per side of a cell of upper bounds.
 const BLOCK: usize = 4;
-/// Largest optical thickness of the longest side of a grid: a voxel of more is as opaque, and tracking takes as many steps as
-/// the thickest voxel near by is thick.
-const THICKEST: f32 = 1e5;
 /// Largest number of voxels.
 pub(super) const MAX_VOXELS: usize = 1 << 30;
 
@@ -19,7 +16,7 @@ pub(super) const MAX_VOXELS: usize = 1 << 30;
 ///
 /// Density values sit at the centres of voxels, are interpolated linearly and continued to the walls; outside of the box
 /// there is nothing. Extinction is `scale * density` per unit of length in the world, scattering is `albedo` times that; what
-/// makes the longest side of the box more than 100,000 mean free paths long counts as that much.
+/// makes the longest side of the box more than [`Self::THICKEST`] mean free paths long counts as that much.
 #[derive(Clone, Debug)]
 pub struct Volume {
     /// Voxels along x, y and z.
@@ -39,6 +36,12 @@ pub struct Volume {
     pub emission: Option<Field>,
     /// The unit cube to the world.
     pub transform: DAffine3,
+}
+
+impl Volume {
+    /// Largest optical thickness of the longest side of a grid: a voxel of more is as opaque, and tracking takes as many steps as
+    /// the thickest voxel near by is thick.
+    pub const THICKEST: f32 = 1e5;
 }
 
 impl Volume {
@@ -170,7 +173,7 @@ impl Medium {
                 self.scale
             ));
         }
-        let thickest = THICKEST / self.extent();
+        let thickest = Volume::THICKEST / self.extent();
         let same = self.scale == 1.0 && extinction.iter().all(|e| *e <= thickest);
         extinction.iter_mut().for_each(|e| *e = e.min(thickest));
         self.majorants = majorants(&extinction, self.size, self.cells);
@@ -269,10 +272,15 @@ impl Medium {
     #[inline]
     pub(super) fn extinction_vjp(&self, (at, weight): &Taps, g: f32, mut add: impl FnMut(usize, f32)) {
         let g = g * self.scale;
+        // More density than counts changes nothing.
+        let is_most = |i: usize| self.given.get(i).is_some_and(|d| d * self.scale > self.extinction[i]);
         if self.extinction.len() == 1 {
-            return add(0, g);
+            if !is_most(0) {
+                add(0, g);
+            }
+            return;
         }
-        (0..8).filter(|i| weight[*i] != 0.0).for_each(|i| add(at[i], g * weight[i]));
+        (0..8).filter(|i| weight[*i] != 0.0 && !is_most(at[*i])).for_each(|i| add(at[i], g * weight[i]));
     }
 
     /// Albedo at a point of the unit cube.

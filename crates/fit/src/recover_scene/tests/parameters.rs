@@ -18,7 +18,11 @@ pub(super) fn hall() -> World {
     };
     let slot = TextureSlot::new(0);
     let floor = SceneMaterial { base_color_texture: Some(slot), ..SceneMaterial::clay() };
-    let floor = SceneMaterial { base_color: [1.0; 4], ..floor };
+    hall_of(SceneMaterial { base_color: [1.0; 4], ..floor }, texel)
+}
+
+/// The same with this material and map of the floor.
+fn hall_of(floor: SceneMaterial, texel: impl Fn(usize) -> [u8; 4]) -> World {
     let ball = SceneMaterial { roughness: 0.3, metallic: 1.0, ..SceneMaterial::clay() };
     let mut ground = shapes::parallelogram(vec3(-1.5, -0.5, 1.5), vec3(3.0, 0.0, 0.0), vec3(0.0, 0.0, -3.0));
     ground.uvs = vec![vec2(0.0, 0.0), vec2(1.0, 0.0), vec2(1.0, 1.0), vec2(0.0, 1.0)];
@@ -114,6 +118,38 @@ fn texels_factors_numbers_lights_and_skies_are_found_from_two_views() {
     let error = |h: &HistoryPoint| relative_error(h.quality);
     let best = r.history.iter().map(error).fold(f64::INFINITY, f64::min);
     assert!(best < 0.1 * error(&r.history[0]), "{best} of {}", error(&r.history[0]));
+}
+
+/// Texels of a mirror have no derivative of their own below the least roughness: the fit starts there, and never leaves them below it.
+#[test]
+fn texels_of_a_mirror_become_rough() {
+    let slot = TextureSlot::new(0);
+    let floor = SceneMaterial { metallic_roughness_texture: Some(slot), ..SceneMaterial::clay() };
+    let floor = SceneMaterial { base_color: [0.8, 0.8, 0.8, 1.0], roughness: 1.0, metallic: 1.0, ..floor };
+    let world = hall_of(floor, |_| [255, 100, 255, 255]);
+    let texture = world.library().and_then(|l| l.texture_of(0, MapKind::MetallicRoughness)).expect("a map");
+    let parameter = TracedParameter {
+        name: "map".into(),
+        parameter: Parameter::Texels { texture },
+        shape: [1, MAP, MAP, 3],
+        range: [0.0, 1.0],
+    };
+    let mut options = RenderOptions { width: PIXELS, height: PIXELS, spp: 8, ..RenderOptions::default() };
+    options.path.max_depth = 3;
+    let mut model = Traced::new(world, options, vec![parameter]).expect("valid");
+    (model.smoothing, model.gradient_spp) = (Smoothing::None, 4);
+    assert_eq!(model.ranges(0), [[0.0, 1.0], [0.03, 1.0], [0.0, 1.0]], "of roughness alone");
+    let targets: Vec<Image> =
+        around(2).iter().map(|v| model.picture(v, 256, 99).expect("rendered")).collect();
+    model.replace(0, &[1.0, 0.0, 1.0].repeat(MAP * MAP)).expect("valid");
+    let options = RecoverSceneOptions { steps: 120, ..RecoverSceneOptions::default() };
+    let r = recover_scene(model, &around(2), &targets, &options, &Silent).expect("fits");
+    let roughness: Vec<f32> = r.model.of(0).iter().skip(1).step_by(3).copied().collect();
+    let error = |start: Option<f32>| {
+        let off = |r: &f32| f64::from(start.unwrap_or(*r) - 100.0 / 255.0).powi(2);
+        roughness.iter().map(off).sum::<f64>().sqrt()
+    };
+    assert!(error(None) < 0.75 * error(Some(0.0)), "{roughness:?}");
 }
 
 #[test]

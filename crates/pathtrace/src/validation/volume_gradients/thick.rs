@@ -121,4 +121,9 @@ fn thickness_without_bounds() {
     let far = |voxel: usize, _: usize| f64::from(u8::from(voxel < 100));
     let of = |thick| grid(thick).replayed(MediumValue::Extinction, 64, far);
     compare("voxels beside one of 1e22 and 1e3", of(1e22), of(1e3), 0.2);
+    let own = |thick| {
+        let last = |voxel: usize, _: usize| f64::from(u8::from(voxel == N.pow(3) - 1));
+        grid(thick).replayed(MediumValue::Extinction, 64, last)
+    };
+    assert!(own(1e22) == (0.0, 0.0) && own(1.0).0 != 0.0, "more than the most changes nothing");
 }
