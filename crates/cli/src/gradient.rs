@@ -2,7 +2,7 @@
 
 use crate::args::Gradient;
 use crate::output::{self, print};
-use crate::parameter_scene::{Cameras, Key, Subject, explained, tensor};
+use crate::parameter_scene::{Cameras, Key, Quantity, Subject, explained, tensor};
 use crate::preflight::Places;
 use crate::status::{Ending, Misuse};
 use crate::threads;
@@ -34,12 +34,6 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
         bail!(Misuse(format!("--camera: is given {} times; it must be given once", a.scene.camera.len())));
     }
     let key = subject.find(&a.scene, name)?.clone();
-    if key.dark {
-        let file = a.scene.input.display();
-        bail!(
-            "{file}: {name} is 0, where it has no derivative; it must be more than 0 (recover scene lifts it)"
-        );
-    }
     let [slices, rows, columns, channels] = key.shape;
     if a.image.is_some() && (slices > 1 || rows * columns == 1) {
         let is = if slices > 1 { "a grid in space (--json has its values)" } else { "a single value" };
@@ -49,8 +43,13 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     let named = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", a.scene.input.display());
     let mut world = World::with_options(subject.parts, subject.world).map_err(|e| named(&e))?;
     let lifted = lift(&mut world, &key).map_err(|e| named(&e))?;
+    let mut options = subject.options;
+    if lifted > 0 {
+        // Paths that hardly bring light bring the derivative.
+        options.path.roulette_depth = options.path.max_depth.saturating_add(1);
+    }
     let parameters = std::slice::from_ref(&key.parameter);
-    let adjoint = Adjoint::new(&world, &subject.views[0], subject.options.clone(), parameters)
+    let adjoint = Adjoint::new(&world, &subject.views[0], options.clone(), parameters)
         .map_err(|e| explained(&a.scene, &e))?;
     let began = Instant::now();
     let samples = GradientSamples { spp: a.spp, seed: Some(a.scene.seed) };
@@ -74,7 +73,7 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
         photofit_image::write_exr_channels(file, &layers, &[("photofit/parameter", name.as_str())])?;
     }
     if let Some(file) = &a.json {
-        let mut figures = to_json(a, &subject.options, &key, &values);
+        let mut figures = to_json(a, &options, &key, &values);
         figures["lifted"] = json!(lifted);
         figures["spp"] = json!(samples.estimates().into_iter().product::<u32>());
         figures["residual"] = json!(gradient.residual);
@@ -100,15 +99,20 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     Ok(Ending::Done)
 }
 
-/// Moves values of 0 to where paths find the light that comes by them; gives their number. (The light that a black channel of a
-/// reflectance would scatter, or a black texel emit, ends there, and with it most of their derivative.)
+/// Moves values of 0 to where paths find the light that comes by them; gives how many numbers of the key. (What a black channel of a
+/// reflectance would scatter, or what is black in all channels emit, ends there, and with it most of the derivative.)
 fn lift(world: &mut World, key: &Key) -> Result<usize, PathtraceError> {
     let Some(least) = key.quantity.least_light() else { return Ok(0) };
     let mut values = world.parameter(&key.parameter)?;
+    let channels = key.shape[3];
+    let held = values.len() / (key.shape.iter().product::<usize>() / channels).max(1);
     let mut lifted = 0;
-    for v in values.iter_mut().filter(|v| **v == 0.0) {
-        *v = least;
-        lifted += 1;
+    for cell in values.chunks_exact_mut(held.max(1)) {
+        if key.quantity == Quantity::Radiance && cell.iter().any(|v| *v > 0.0) {
+            continue;
+        }
+        lifted += cell[..channels].iter().filter(|v| **v == 0.0).count();
+        cell.iter_mut().filter(|v| **v == 0.0).for_each(|v| *v = least);
     }
     if lifted > 0 {
         world.set_parameter(&key.parameter, &values)?;

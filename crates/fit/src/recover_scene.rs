@@ -291,10 +291,7 @@ fn smoothed(model: &Traced, steps: bool) -> Item {
 /// Moves the values into their ranges, so that what has no derivative at 0 starts above it.
 fn begin(model: &mut Traced) -> Result<(), FitError> {
     for k in 0..model.parameters.len() {
-        let ranges = model.ranges(k);
-        let within =
-            |(i, v): (usize, &f32)| v.clamp(ranges[i % ranges.len()][0], ranges[i % ranges.len()][1]);
-        let values: Vec<f32> = model.of(k).iter().enumerate().map(within).collect();
+        let values = model.within(k);
         let radiates = match &model.parameters[k].parameter {
             Parameter::Light { .. } | Parameter::Environment => true,
             Parameter::Material { value, .. } => {

@@ -31,8 +31,8 @@ const SIZES: core::ops::RangeInclusive<usize> = 1..=512;
 /// Albedo and optical thickness across the box that the fit starts from.
 const ALBEDO: f32 = 0.6;
 const THICKNESS: f64 = 0.5;
-/// Most radiance that the cloud emits across the longest side of its box.
-const BRIGHTEST: f32 = 1e6;
+/// Largest extinction and emission, per unit of length or per longest side of the box, whichever is shorter.
+const MOST: f32 = 1e6;
 /// Tells the random numbers of grids from one another.
 const GRID: u64 = 0x6772_6964;
 
@@ -402,15 +402,14 @@ impl Grid {
             shape: [z, y, x, channels],
             range: [0.0, high],
         };
-        // What is thicker than that is as opaque, and would have no derivative; light of its own is as much brighter in a box as that is smaller.
-        let extent = (hi - lo).max_element() as f32;
-        let thickest = Volume::THICKEST / extent;
-        let mut parameters = vec![of("extinction", MediumValue::Extinction, 1, thickest)];
+        // In small boxes densities are large.
+        let most = MOST.max(MOST / (hi - lo).max_element() as f32);
+        let mut parameters = vec![of("extinction", MediumValue::Extinction, 1, most)];
         if options.albedo.is_none() {
             parameters.push(of("albedo", MediumValue::Albedo, 3, 1.0));
         }
         if emits {
-            parameters.push(of("emission", MediumValue::Emission, 3, BRIGHTEST / extent));
+            parameters.push(of("emission", MediumValue::Emission, 3, most));
         }
         let render =
             RenderOptions { width, height, spp: options.spp, seed: options.seed, ..RenderOptions::default() };

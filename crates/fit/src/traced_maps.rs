@@ -150,7 +150,7 @@ pub fn traced_maps(
             model.correct(k, side, map.kind == MapKind::BaseColor);
         }
     }
-    let starts: Vec<Vec<f32>> = (0..maps.len()).map(|k| model.of(k).to_vec()).collect();
+    let starts: Vec<Vec<f32>> = (0..maps.len()).map(|k| model.within(k)).collect();
     let target =
         PathTraced::new(scene, n, MaterialFeatures::Core, options.seed)?.sampled(options.reference_spp);
     let views = Orbit::new(options.seed, &options.lighting, options.size);

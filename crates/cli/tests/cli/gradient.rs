@@ -94,25 +94,36 @@ fn keys_are_those_of_mitsuba_and_gradients_those_of_pictures() {
 }
 
 #[test]
-fn channels_that_are_black_have_the_derivative_of_those_that_hardly_are() {
+fn what_is_black_has_the_derivative_of_what_hardly_is() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();
-    std::fs::write(d.join("s.xml"), scene("0.5,0,0.5")).unwrap();
-    let line = ["gradient", "s.xml", "--parameter", "white.reflectance.value", "--spp", "1024"];
-    let o = succeeds(d, &[&line[..], &["--json", "g.json"]].concat());
-    let told = String::from_utf8_lossy(&o.stderr).into_owned();
-    assert!(told.contains("1 of 3 numbers are 0") && told.contains("at 0.0001"), "{told}");
-    let (gradient, error) = figures(d, "g.json");
-    let sum = |green: f64| {
-        std::fs::write(d.join("m.xml"), scene(format!("0.5,{green},0.5"))).unwrap();
-        succeeds(d, &["render", "m.xml", "-o", "m.exr", "--spp", "1024", "--background"]);
-        let picture = photofit_image::read(d.join("m.exr")).unwrap();
-        (0..192).map(|i| f64::from(picture.pixel(i % 16, i / 16)[1])).sum::<f64>()
-    };
-    let difference = (sum(0.02) - sum(0.0)) / 0.02;
-    let bound = (0.02 * difference).max(5.0 * error[1]);
-    assert!((gradient[1] - difference).abs() < bound, "{gradient:?} {error:?} {difference}");
-    assert!(error[1] < 0.02 * difference, "{error:?} says nothing");
+    // The green of a floor, alone and in all channels.
+    for (beside, lifted) in [(Some(0.5), 1), (None, 3)] {
+        let floor = |green: f64| {
+            let other = beside.unwrap_or(green);
+            scene(format!("{other},{green},{other}"))
+        };
+        std::fs::write(d.join("s.xml"), floor(0.0)).unwrap();
+        let line = ["gradient", "s.xml", "--parameter", "white.reflectance.value", "--spp", "1024"];
+        let o = succeeds(d, &[&line[..], &["--json", "g.json"]].concat());
+        let told = String::from_utf8_lossy(&o.stderr).into_owned();
+        assert!(
+            told.contains(&format!("{lifted} of 3 numbers are 0")) && told.contains("at 0.0001"),
+            "{told}"
+        );
+        let (gradient, error) = figures(d, "g.json");
+        let sum = |green: f64| {
+            std::fs::write(d.join("m.xml"), floor(green)).unwrap();
+            succeeds(d, &["render", "m.xml", "-o", "m.exr", "--spp", "1024", "--background"]);
+            let picture = photofit_image::read(d.join("m.exr")).unwrap();
+            (0..192).map(|i| f64::from(picture.pixel(i % 16, i / 16)[1])).sum::<f64>()
+        };
+        let difference = (sum(0.02) - sum(0.0)) / 0.02;
+        let bound = (0.02 * difference).max(5.0 * error[1]);
+        let told = format!("{beside:?}: {gradient:?} {error:?} {difference}");
+        assert!((gradient[1] - difference).abs() < bound, "{told}");
+        assert!(error[1] < 0.02 * difference, "{told} says nothing");
+    }
 }
 
 #[test]

@@ -22,8 +22,6 @@ use photofit_image::Image;
 use photofit_optim::Optimizer;
 use photofit_pathtrace::{Adjoint, GradientSamples, Parameter, RenderOptions, Renderer, View, World};
 use photofit_sampling::hash;
-use photofit_scene::MapKind;
-use photofit_shading::ROUGHNESS_MIN;
 use std::borrow::Cow;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -41,7 +39,7 @@ pub struct TracedParameter {
     /// Slices, rows, columns and channels, as they follow each other in memory from slow to fast; one slice for textures,
     /// one row and one column too for values.
     pub shape: [usize; 4],
-    /// Lowest and highest value.
+    /// Lowest and highest value; a fit leaves out where pictures do not depend on it ([`World::effective_range`]).
     pub range: [f32; 2],
 }
 
@@ -93,8 +91,8 @@ pub struct Traced {
     /// What pictures and gradients leave out.
     pub(crate) not_finite: NotFinite,
     values: Vec<Vec<f32>>,
-    /// See [`floor`].
-    floors: Vec<Vec<f32>>,
+    /// [`World::effective_range`] of each parameter, by the other values at the start.
+    effective: Vec<[[f32; 2]; 3]>,
     /// What moves of each parameter.
     motions: Vec<Motion>,
     /// How much of the phase was made when a step was last begun.
@@ -123,12 +121,12 @@ impl Traced {
             values.push(read.chunks_exact(held).flat_map(|v| v[..p.channels()].to_vec()).collect());
         }
         let (gradient_spp, evaluation_spp, smoothing) = (1, 64, Smoothing::default());
-        let floors = parameters.iter().map(|p| floor(&world, p)).collect();
+        let effective = parameters.iter().map(|p| world.effective_range(&p.parameter)).collect();
         let (world, compared) = (Mutex::new(world), ComparedPixels::default());
         let motions = parameters.iter().map(|_| Motion::Values).collect();
         let guidance = Guidance::off();
         let mut made = Self {
-            floors,
+            effective,
             guidance,
             not_finite: NotFinite::default(),
             motions,
@@ -270,24 +268,38 @@ impl Traced {
         }
     }
 
-    /// Lowest and highest value of each channel of a parameter.
+    /// Lowest and highest value of each channel of a parameter: its range, as far as pictures depend on it.
     pub(crate) fn ranges(&self, parameter: usize) -> Vec<[f32; 2]> {
-        let [low, high] = self.parameters[parameter].range;
-        self.floors[parameter].iter().map(|floor| [low.max(*floor), high]).collect()
+        let (p, effective) = (&self.parameters[parameter], self.effective[parameter]);
+        let [low, high] = p.range;
+        let of = |[from, to]: [f32; 2]| [from.clamp(low, high), to.clamp(low, high)];
+        (0..p.channels()).map(|c| effective.get(c).map_or(p.range, |e| of(*e))).collect()
     }
 
-    /// Slices, rows and columns of what moves of a parameter, and its lowest and highest value.
-    fn moving_shape(&self, parameter: usize) -> ([usize; 3], [f32; 2]) {
-        let p = &self.parameters[parameter];
-        let [depth, height, width, _] = p.shape;
-        match &self.motions[parameter] {
-            Motion::Values => ([depth, height, width], p.range),
-            Motion::Logarithms(_) => ([depth, height, width], p.range.map(f32::ln)),
+    /// The values of a parameter, moved into the ranges of their channels.
+    pub(crate) fn within(&self, parameter: usize) -> Vec<f32> {
+        let ranges = self.ranges(parameter);
+        let rows = self.of(parameter).chunks_exact(ranges.len());
+        rows.flat_map(|row| row.iter().zip(&ranges).map(|(v, [low, high])| v.clamp(*low, *high))).collect()
+    }
+
+    /// Slices, rows and columns of what moves of a parameter, and the lowest and highest value of each channel.
+    fn moving_shape(&self, parameter: usize) -> ([usize; 3], Vec<[f32; 2]>) {
+        let [depth, height, width, _] = self.parameters[parameter].shape;
+        let mut ranges = self.ranges(parameter);
+        let shape = match &self.motions[parameter] {
+            Motion::Values => [depth, height, width],
+            Motion::Logarithms(_) => {
+                ranges.iter_mut().for_each(|r| *r = r.map(f32::ln));
+                [depth, height, width]
+            }
             Motion::Correction(c) => {
                 let [columns, rows] = c.cells();
-                ([1, rows, columns], c.range(p.range))
+                ranges.iter_mut().for_each(|r| *r = c.range(*r));
+                [1, rows, columns]
             }
-        }
+        };
+        (shape, ranges)
     }
 
     /// Whether steps of the parameter of this number are smoothed: of environments of at least 16 rows, and of textures and grids
@@ -408,7 +420,7 @@ impl Traced {
                     Motion::Values => rows.for_each(|((o, g), _)| *o += *g as f32),
                     Motion::Logarithms(_) => rows.for_each(|((o, g), v)| *o += (*g * f64::from(*v)) as f32),
                     Motion::Correction(c) => {
-                        c.apply_vjp(self.parameters[k].range, &self.values[k], |i| of[i], &mut out[k]);
+                        c.apply_vjp(&self.ranges(k), &self.values[k], |i| of[i], &mut out[k]);
                     }
                 }
             }
@@ -417,31 +429,12 @@ impl Traced {
     }
 }
 
-/// The value of each channel below which pictures do not depend on it, so that it would have no derivative: of the roughness in
-/// maps of assets, else none.
-fn floor(world: &World, p: &TracedParameter) -> Vec<f32> {
-    let mut floor = vec![f32::NEG_INFINITY; p.channels()];
-    if let (Parameter::Texels { texture }, Some(library)) = (&p.parameter, world.library()) {
-        let tells = |m| library.texture_of(m, MapKind::MetallicRoughness) == Some(*texture);
-        if let Some(roughness) = floor.get_mut(1)
-            && (0..library.materials()).any(tells)
-        {
-            *roughness = ROUGHNESS_MIN as f32;
-        }
-    }
-    floor
-}
-
 impl Chain for Traced {
     type Gradients = Vec<Vec<f32>>;
 
     fn groups(&self) -> Vec<Group> {
         let group = |(k, p): (usize, &TracedParameter)| {
-            let (shape, range) = self.moving_shape(k);
-            let ranges = match self.motions[k] {
-                Motion::Values => self.ranges(k),
-                Motion::Logarithms(_) | Motion::Correction(_) => vec![range; p.channels()],
-            };
+            let (shape, ranges) = self.moving_shape(k);
             Group {
                 name: Cow::Owned(p.name.clone()),
                 rows: shape.iter().product(),
@@ -480,13 +473,14 @@ impl Chain for Traced {
     }
 
     fn changed(&mut self, group: usize) -> Result<(), ModelError> {
+        let ranges = self.ranges(group);
         let values = &mut self.values[group];
         match &self.motions[group] {
             Motion::Values => {}
             Motion::Logarithms(logarithms) => {
                 values.iter_mut().zip(logarithms).for_each(|(v, l)| *v = l.exp());
             }
-            Motion::Correction(c) => c.apply(self.parameters[group].range, values),
+            Motion::Correction(c) => c.apply(&ranges, values),
         }
         self.update(group).map_err(|e| ModelError::Picture(Box::new(e.into())))
     }

@@ -68,6 +68,7 @@ fn a_cloud_is_found_from_coarse_to_fine() {
     let r = recover_volume(&surroundings(), &views, &pictures(&views), &options, &Silent).expect("found");
     assert_eq!((r.size, r.held_out, r.bounds), ([16; 3], Some(6), BOUNDS));
     assert_eq!(r.grids, [(0, 8), (51, 16)]);
+    assert_ne!(r.model.options.seed, options.seed, "the last grid has noise of its own");
     let truth = balls(16);
     let start = Grid::start([16; 3], &BOUNDS, &options);
     let dense = |v: &[f32]| -> Vec<f32> {
@@ -211,6 +212,21 @@ fn finer_grids_hold_what_coarser_ones_held() {
             .chunks(3)
             .all(|c| (c[0] - 0.1).abs() < 1e-6 && (c[2] - 0.9).abs() < 1e-6)
     );
+}
+
+/// Extinction goes up to where more changes nothing, however large the box is.
+#[test]
+fn ranges_follow_the_size_of_the_box() {
+    for size in [1e-8, 1.0, 1e8] {
+        let bounds = [DVec3::ZERO, DVec3::splat(size)];
+        let options = RecoverVolumeOptions { emission: true, ..options(8, 0) };
+        let grid = Grid::start([8; 3], &bounds, &options);
+        let model = grid.model(&surroundings(), &bounds, &options, [SIDE; 2]).expect("valid");
+        let [least, most] = model.ranges(0)[0];
+        let thickness = f64::from(most) * size / f64::from(Volume::THICKEST);
+        assert!(least == 0.0 && (0.99..=1.0).contains(&thickness), "{size}: {least} to {most}");
+        assert!(model.within(0) == model.of(0), "{size}: the start is within");
+    }
 }
 
 #[test]

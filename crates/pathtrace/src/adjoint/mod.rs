@@ -16,6 +16,7 @@
 mod accumulate;
 mod layout;
 mod parameter;
+mod range;
 mod replay;
 mod surface;
 mod tape;

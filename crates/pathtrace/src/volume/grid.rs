@@ -42,9 +42,7 @@ impl Volume {
     /// Largest optical thickness of the longest side of a grid: a voxel of more is as opaque, and tracking takes as many steps as
     /// the thickest voxel near by is thick.
     pub const THICKEST: f32 = 1e5;
-}
 
-impl Volume {
     /// The same density everywhere in a box.
     pub fn homogeneous(min: DVec3, max: DVec3, extinction: f32, albedo: Vec3f, g: f32) -> Self {
         Self {
@@ -173,7 +171,7 @@ impl Medium {
                 self.scale
             ));
         }
-        let thickest = Volume::THICKEST / self.extent();
+        let thickest = self.thickest();
         let same = self.scale == 1.0 && extinction.iter().all(|e| *e <= thickest);
         extinction.iter_mut().for_each(|e| *e = e.min(thickest));
         self.majorants = majorants(&extinction, self.size, self.cells);
@@ -181,6 +179,11 @@ impl Medium {
         self.extinction = extinction;
         self.given = if same { Vec::new() } else { density.to_vec() };
         Ok(())
+    }
+
+    /// Extinction beyond which nothing changes.
+    pub(super) fn thickest(&self) -> f32 {
+        Volume::THICKEST / self.extent()
     }
 
     /// Extinction of density 1.

@@ -116,6 +116,18 @@ impl Media {
         if value.is_finite() && value > 0.0 { value } else { 1.0 }
     }
 
+    /// The value of [`MediumValue::Extinction`] beyond which nothing changes: infinite where it is the same everywhere, or nothing.
+    pub(crate) fn thickest(&self, medium: MediumRef) -> f32 {
+        let grid = match medium {
+            MediumRef::Volume(i) => self.boxes.get(i),
+            MediumRef::Bounded(i) => match self.bounded.get(i).map(|b| &b.extinction) {
+                Some(Extinction::Grid(grid)) => Some(&**grid),
+                _ => None,
+            },
+        };
+        grid.map_or(f32::INFINITY, |g| g.thickest() / g.scale())
+    }
+
     /// Replaces the values, as many as [`Self::values`] gives; upper bounds for tracking follow, looser by `factor`.
     ///
     /// # Errors

@@ -85,10 +85,10 @@ impl Correction {
         }
     }
 
-    /// The corrected texels, in `range`.
-    pub(super) fn apply(&self, [low, high]: [f32; 2], texels: &mut [f32]) {
+    /// The corrected texels, in the ranges of their channels.
+    pub(super) fn apply(&self, ranges: &[[f32; 2]], texels: &mut [f32]) {
         self.each(|at, four| {
-            for c in 0..self.channels {
+            for (c, [low, high]) in ranges.iter().copied().enumerate() {
                 let by: f32 = four.iter().map(|(cell, w)| w * self.grid[cell + c]).sum();
                 // What is black begins at the lower end of its range: a factor of 0 is 0.
                 let start = self.start[at + c].max(low);
@@ -99,16 +99,16 @@ impl Correction {
     }
 
     /// Adjoint of [`Self::apply`]: adds to the derivatives of the grid those that come from `of(texel value)`, where texels are
-    /// within their range.
+    /// within the range of their channel.
     pub(super) fn apply_vjp(
         &self,
-        [low, high]: [f32; 2],
+        ranges: &[[f32; 2]],
         texels: &[f32],
         of: impl Fn(usize) -> f64,
         grid: &mut [f32],
     ) {
         self.each(|at, four| {
-            for c in 0..self.channels {
+            for (c, [low, high]) in ranges.iter().copied().enumerate() {
                 let value = texels[at + c];
                 let by = of(at + c);
                 if by == 0.0 || value <= low && by > 0.0 || value >= high && by < 0.0 {
@@ -141,11 +141,11 @@ mod tests {
             let weight = |i: usize| (i as f64 * 0.37).sin();
             let value = |c: &Correction| {
                 let mut texels = c.start.clone();
-                c.apply([0.0, 1.0], &mut texels);
+                c.apply(&[[0.0, 1.0]; 2], &mut texels);
                 (texels.iter().enumerate().map(|(i, t)| f64::from(*t) * weight(i)).sum::<f64>(), texels)
             };
             let mut found = vec![0.0; c.grid.len()];
-            c.apply_vjp([0.0, 1.0], &value(&c).1, weight, &mut found);
+            c.apply_vjp(&[[0.0, 1.0]; 2], &value(&c).1, weight, &mut found);
             for k in 0..c.grid.len() {
                 let middle = c.grid[k];
                 let mut at = |d: f32| {
@@ -170,7 +170,7 @@ mod tests {
             let mut texels = vec![0.0; c.start.len()];
             for even in [0.0, by] {
                 c.grid.fill(even);
-                c.apply([0.0, 1.0], &mut texels);
+                c.apply(&[[0.0, 1.0]; 2], &mut texels);
                 for (t, s) in texels.iter().zip(&c.start) {
                     let wanted = if is_factor { s * even.exp() } else { s + even };
                     assert!((t - wanted).abs() < 1e-6, "{is_factor} {even}: {t} of {s}");
@@ -185,13 +185,13 @@ mod tests {
         c.start.fill(0.0);
         c.grid.fill(0.0);
         let mut texels = vec![0.0; c.start.len()];
-        c.apply([low, 1.0], &mut texels);
+        c.apply(&[[low, 1.0]; 2], &mut texels);
         assert!(texels.iter().all(|t| *t == low));
         let mut found = vec![0.0; c.grid.len()];
-        c.apply_vjp([low, 1.0], &texels, |_| -1.0, &mut found);
+        c.apply_vjp(&[[low, 1.0]; 2], &texels, |_| -1.0, &mut found);
         assert!(found.iter().all(|g| *g < 0.0), "brighter is better");
         c.grid.fill(1.0);
-        c.apply([low, 1.0], &mut texels);
+        c.apply(&[[low, 1.0]; 2], &mut texels);
         assert!(texels.iter().all(|t| (t - low * 1.0_f32.exp()).abs() < 1e-8));
     }
 
@@ -200,13 +200,13 @@ mod tests {
         let mut c = correction(false);
         c.grid.fill(-1.0);
         let mut texels = vec![0.0; c.start.len()];
-        c.apply([0.0, 1.0], &mut texels);
+        c.apply(&[[0.0, 1.0]; 2], &mut texels);
         assert!(texels.iter().all(|t| *t == 0.0));
         let mut found = vec![0.0; c.grid.len()];
         // A loss that falls with the texels would have them rise.
-        c.apply_vjp([0.0, 1.0], &texels, |_| 1.0, &mut found);
+        c.apply_vjp(&[[0.0, 1.0]; 2], &texels, |_| 1.0, &mut found);
         assert!(found.iter().all(|g| *g == 0.0));
-        c.apply_vjp([0.0, 1.0], &texels, |_| -1.0, &mut found);
+        c.apply_vjp(&[[0.0, 1.0]; 2], &texels, |_| -1.0, &mut found);
         assert!(found.iter().all(|g| *g < 0.0));
     }
 }

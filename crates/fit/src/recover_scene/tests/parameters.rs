@@ -125,31 +125,42 @@ fn texels_factors_numbers_lights_and_skies_are_found_from_two_views() {
 fn texels_of_a_mirror_become_rough() {
     let slot = TextureSlot::new(0);
     let floor = SceneMaterial { metallic_roughness_texture: Some(slot), ..SceneMaterial::clay() };
-    let floor = SceneMaterial { base_color: [0.8, 0.8, 0.8, 1.0], roughness: 1.0, metallic: 1.0, ..floor };
-    let world = hall_of(floor, |_| [255, 100, 255, 255]);
-    let texture = world.library().and_then(|l| l.texture_of(0, MapKind::MetallicRoughness)).expect("a map");
+    let floor = SceneMaterial { base_color: [0.8, 0.8, 0.8, 1.0], roughness: 0.8, metallic: 1.0, ..floor };
+    let world = || hall_of(floor.clone(), |_| [255, 125, 255, 255]);
+    let texture = world().library().and_then(|l| l.texture_of(0, MapKind::MetallicRoughness)).expect("a map");
     let parameter = TracedParameter {
         name: "map".into(),
         parameter: Parameter::Texels { texture },
         shape: [1, MAP, MAP, 3],
         range: [0.0, 1.0],
     };
+    let factor = Parameter::Material { materials: vec![0], value: MaterialValue::Roughness };
+    let [least, _] = world().effective_range(&factor)[0];
+    assert!((least * 125.0 / 255.0 - 0.03).abs() < 1e-6, "of the factor: {least}");
     let mut options = RenderOptions { width: PIXELS, height: PIXELS, spp: 8, ..RenderOptions::default() };
     options.path.max_depth = 3;
-    let mut model = Traced::new(world, options, vec![parameter]).expect("valid");
-    (model.smoothing, model.gradient_spp) = (Smoothing::None, 4);
-    assert_eq!(model.ranges(0), [[0.0, 1.0], [0.03, 1.0], [0.0, 1.0]], "of roughness alone");
-    let targets: Vec<Image> =
-        around(2).iter().map(|v| model.picture(v, 256, 99).expect("rendered")).collect();
-    model.replace(0, &[1.0, 0.0, 1.0].repeat(MAP * MAP)).expect("valid");
-    let options = RecoverSceneOptions { steps: 120, ..RecoverSceneOptions::default() };
-    let r = recover_scene(model, &around(2), &targets, &options, &Silent).expect("fits");
-    let roughness: Vec<f32> = r.model.of(0).iter().skip(1).step_by(3).copied().collect();
-    let error = |start: Option<f32>| {
-        let off = |r: &f32| f64::from(start.unwrap_or(*r) - 100.0 / 255.0).powi(2);
-        roughness.iter().map(off).sum::<f64>().sqrt()
-    };
-    assert!(error(None) < 0.75 * error(Some(0.0)), "{roughness:?}");
+    for cell in [None, Some(2)] {
+        let parameters = vec![parameter.clone()];
+        let mut model = Traced::new(world(), options.clone(), parameters).expect("valid");
+        (model.smoothing, model.gradient_spp) = (Smoothing::None, 4);
+        let [red, [least, most], blue] = model.ranges(0)[..] else { panic!("three channels") };
+        assert_eq!([red, blue, [0.0, most]], [[0.0, 1.0]; 3], "of roughness alone");
+        assert!((least * 0.8 - 0.03).abs() < 1e-6 && least * 0.8 > 0.03, "with its factor: {least}");
+        let targets: Vec<Image> =
+            around(2).iter().map(|v| model.picture(v, 256, 99).expect("rendered")).collect();
+        if let Some(side) = cell {
+            model.correct(0, side, false);
+        }
+        model.replace(0, &[1.0, 0.0, 1.0].repeat(MAP * MAP)).expect("valid");
+        let options = RecoverSceneOptions { steps: 120, ..RecoverSceneOptions::default() };
+        let r = recover_scene(model, &around(2), &targets, &options, &Silent).expect("fits");
+        let roughness: Vec<f32> = r.model.of(0).iter().skip(1).step_by(3).copied().collect();
+        let error = |start: Option<f32>| {
+            let off = |r: &f32| f64::from(start.unwrap_or(*r) - 125.0 / 255.0).powi(2);
+            roughness.iter().map(off).sum::<f64>().sqrt()
+        };
+        assert!(error(None) < 0.75 * error(Some(0.0)), "{cell:?}: {roughness:?}");
+    }
 }
 
 #[test]

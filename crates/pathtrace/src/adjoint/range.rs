@@ -1,0 +1,62 @@
+//! Where pictures depend on the values of a parameter.
+
+use super::parameter::{MaterialValue, Parameter, library_material};
+use crate::volume::MediumValue;
+use crate::world::World;
+use photofit_scene::{MapKind, SurfaceLibrary};
+use photofit_shading::ROUGHNESS_MIN;
+
+/// What keeps products and sums of single precision on the side of a bound where they have a derivative.
+const MARGIN: f64 = 1e-6;
+
+impl World {
+    /// Lowest and highest value of each channel of a parameter between which pictures depend on it: beyond, values change
+    /// nothing and have no derivative. Infinite where there is no such bound.
+    ///
+    /// Opaque materials of assets are never smoother than [`ROUGHNESS_MIN`], which bounds a map of roughness by the largest
+    /// factor that it has, and the factor by the largest value of its maps; grids of extinction are bounded by
+    /// [`crate::Volume::THICKEST`].
+    pub fn effective_range(&self, parameter: &Parameter) -> [[f32; 2]; 3] {
+        let mut range = [[f32::NEG_INFINITY, f32::INFINITY]; 3];
+        match (parameter, self.library()) {
+            (Parameter::Texels { texture }, Some(library)) => {
+                range[1][0] = least_texel(library, *texture);
+            }
+            (Parameter::Material { materials, value: MaterialValue::Roughness }, Some(library)) => {
+                let of = |m: &usize| self.given.get(*m).and_then(library_material);
+                range[0][0] = least_factor(library, materials.iter().filter_map(of));
+            }
+            (Parameter::Medium { medium, value: MediumValue::Extinction }, _) => {
+                range[0][1] = self.media.thickest(*medium) * (1.0 - MARGIN) as f32;
+            }
+            _ => {}
+        }
+        range
+    }
+}
+
+/// The least roughness in a map that counts, if it is one and no material that reads it is clear.
+fn least_texel(library: &SurfaceLibrary, texture: usize) -> f32 {
+    let reads = |m: &usize| library.texture_of(*m, MapKind::MetallicRoughness) == Some(texture);
+    let readers: Vec<usize> = (0..library.materials()).filter(reads).collect();
+    let factor = readers.iter().map(|m| library.factors(*m).roughness).fold(0.0, f32::max);
+    least(library, &readers, factor)
+}
+
+/// The least factor of roughness that counts of materials of the library.
+fn least_factor(library: &SurfaceLibrary, materials: impl Iterator<Item = usize>) -> f32 {
+    let materials: Vec<usize> = materials.collect();
+    let of = |m: &usize| match library.texture_of(*m, MapKind::MetallicRoughness) {
+        None => 1.0,
+        Some(texture) => library.texture(texture).linear_base().iter().map(|t| t[1]).fold(0.0, f32::max),
+    };
+    let most = materials.iter().map(of).fold(0.0, f32::max);
+    least(library, &materials, most)
+}
+
+/// The least value whose product with this one counts as roughness; none where it never does, or where clear glass has none.
+fn least(library: &SurfaceLibrary, materials: &[usize], other: f32) -> f32 {
+    let least = (ROUGHNESS_MIN * (1.0 + MARGIN)) as f32 / other;
+    let clear = materials.iter().any(|m| library.may_transmit(*m));
+    if clear || least >= 1.0 { f32::NEG_INFINITY } else { least }
+}
