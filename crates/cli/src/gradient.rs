@@ -2,7 +2,7 @@
 
 use crate::args::Gradient;
 use crate::output::{self, print};
-use crate::parameter_scene::{Cameras, Key, Quantity, Subject, explained, tensor};
+use crate::parameter_scene::{Cameras, FAINT, Key, Quantity, Subject, explained, tensor};
 use crate::preflight::Places;
 use crate::status::{Ending, Misuse};
 use crate::threads;
@@ -15,6 +15,8 @@ use std::time::Instant;
 
 /// Share of a path's light that may be left over when it was replayed.
 const RESIDUAL: f64 = 1e-6;
+/// Events after which roulette may end paths whose light hardly counts, where their derivatives do.
+const ALL_GO_ON: u32 = 16;
 
 pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     let places = Places::default()
@@ -42,11 +44,12 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     let (loss, unit) = weights(a, &subject.options)?;
     let named = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", a.scene.input.display());
     let mut world = World::with_options(subject.parts, subject.world).map_err(|e| named(&e))?;
-    let lifted = lift(&mut world, &key).map_err(|e| named(&e))?;
+    let lifted = lift(&mut world, &key, &subject.keys).map_err(|e| named(&e))?;
     let mut options = subject.options;
-    if lifted > 0 {
+    if lifted > 0 && key.quantity == Quantity::Color {
         // Paths that hardly bring light bring the derivative.
-        options.path.roulette_depth = options.path.max_depth.saturating_add(1);
+        let all = options.path.max_depth.saturating_add(1).min(ALL_GO_ON);
+        options.path.roulette_depth = options.path.roulette_depth.max(all);
     }
     let parameters = std::slice::from_ref(&key.parameter);
     let adjoint = Adjoint::new(&world, &subject.views[0], options.clone(), parameters)
@@ -75,6 +78,7 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     if let Some(file) = &a.json {
         let mut figures = to_json(a, &options, &key, &values);
         figures["lifted"] = json!(lifted);
+        figures["roulette_depth"] = json!(options.path.roulette_depth);
         figures["spp"] = json!(samples.estimates().into_iter().product::<u32>());
         figures["residual"] = json!(gradient.residual);
         figures["not_finite"] = json!(gradient.not_finite);
@@ -85,10 +89,14 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     if gradient.not_finite > 0 {
         crate::progress::say(&not_finite_told(gradient.not_finite));
     }
-    if let Some(least) = key.quantity.least_light().filter(|_| lifted > 0) {
+    if lifted > 0 {
         let of = key.shape.iter().product::<usize>();
+        let at = match key.quantity {
+            Quantity::Color => format!("{FAINT}"),
+            _ => "brighter ones, of which pictures are linear,".into(),
+        };
         crate::progress::say(&format!(
-            "{name}: {lifted} of {of} numbers are 0, where paths do not find their light; derivatives are those at {least} there"
+            "{name}: {lifted} of {of} numbers are 0, where paths do not find their light; their derivatives are taken at {at} instead"
         ));
     }
     if values[0].iter().all(|v| *v == 0.0) {
@@ -99,25 +107,45 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     Ok(Ending::Done)
 }
 
-/// Moves values of 0 to where paths find the light that comes by them; gives how many numbers of the key. (What a black channel of a
-/// reflectance would scatter, or what is black in all channels emit, ends there, and with it most of the derivative.)
-fn lift(world: &mut World, key: &Key) -> Result<usize, PathtraceError> {
-    let Some(least) = key.quantity.least_light() else { return Ok(0) };
+/// Moves values of 0 to where paths find the light that comes by them; gives how many numbers of the key. A black channel of a
+/// reflectance ends what it would scatter, and lights that are black in all channels are not sampled, so that most of their derivative
+/// would be left out. Pictures are linear in what lights emit: they become about as bright as others.
+fn lift(world: &mut World, key: &Key, keys: &[Key]) -> Result<usize, PathtraceError> {
+    let radiates = |k: &Key| k.quantity == Quantity::Radiance;
+    if !radiates(key) && key.quantity != Quantity::Color {
+        return Ok(0);
+    }
     let mut values = world.parameter(&key.parameter)?;
     let channels = key.shape[3];
     let held = values.len() / (key.shape.iter().product::<usize>() / channels).max(1);
-    let mut lifted = 0;
+    let is_lifted = |cell: &[f32]| !radiates(key) || cell.iter().all(|v| *v == 0.0);
+    let zeros = |cell: &[f32]| cell[..channels].iter().filter(|v| **v == 0.0).count();
+    let cells = values.chunks_exact(held.max(1)).filter(|cell| is_lifted(cell));
+    let lifted = cells.map(zeros).sum();
+    if lifted == 0 {
+        return Ok(0);
+    }
+    let to = if radiates(key) {
+        let others =
+            || keys.iter().filter(|k| radiates(k)).filter_map(|k| world.parameter(&k.parameter).ok());
+        mean(&values).or_else(|| others().filter_map(|v| mean(&v)).reduce(f32::max)).unwrap_or(1.0)
+    } else {
+        FAINT
+    };
     for cell in values.chunks_exact_mut(held.max(1)) {
-        if key.quantity == Quantity::Radiance && cell.iter().any(|v| *v > 0.0) {
-            continue;
+        if is_lifted(cell) {
+            cell.iter_mut().filter(|v| **v == 0.0).for_each(|v| *v = to);
         }
-        lifted += cell[..channels].iter().filter(|v| **v == 0.0).count();
-        cell.iter_mut().filter(|v| **v == 0.0).for_each(|v| *v = least);
     }
-    if lifted > 0 {
-        world.set_parameter(&key.parameter, &values)?;
-    }
+    world.set_parameter(&key.parameter, &values)?;
     Ok(lifted)
+}
+
+/// Mean of the values above 0; `None` without any.
+fn mean(values: &[f32]) -> Option<f32> {
+    let (sum, count) =
+        values.iter().filter(|v| **v > 0.0).fold((0.0, 0), |(s, n), v| (s + f64::from(*v), n + 1));
+    (count > 0).then(|| (sum / f64::from(count)) as f32)
 }
 
 fn list(keys: &[Key]) -> Result<()> {

@@ -153,7 +153,8 @@ pub(crate) fn fit(
     let evaluation = evaluation.measured_by(Measure::Relative);
     let mut seen = Digest::new();
     source.pictures().iter().for_each(|p| seen.add(&p.image.data));
-    seen.add_bytes(format!("{views:?} {:?}", model.parameters).as_bytes());
+    let ranges: Vec<_> = (0..model.parameters.len()).map(|k| model.ranges(k)).collect();
+    seen.add_bytes(format!("{views:?} {:?} {ranges:?}", model.parameters).as_bytes());
     // What is not fitted has to be the same, too: a coarse picture of the start stands for it.
     seen.add(&model.picture(&views[0], 1, options.seed)?.data);
     let fingerprint = of_options(&model, options)

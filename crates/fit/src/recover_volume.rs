@@ -211,7 +211,7 @@ pub fn recover_volume(
         let r = chain.fit(1, &shown, |checkpointing| {
             let mut model = model_of(&grid)?;
             // Grids have noise of their own: values follow that of the grid before.
-            let seed = if level > 0 { hash(options.seed, GRID, level as u64) } else { options.seed };
+            let seed = seed_of(options.seed, level);
             model.options.seed = seed;
             let (rate, checkpointing) = (options.rate, checkpointing.clone());
             let own = RecoverSceneOptions { steps: end - done, rate, seed, checkpointing };
@@ -244,6 +244,7 @@ pub fn recover_volume(
                 grid = grid.resampled(whole);
                 model = model_of(&grid)?;
             }
+            model.options.seed = options.seed;
             return Ok(RecoveredVolume {
                 size: grid.size,
                 bounds,
@@ -419,6 +420,11 @@ impl Grid {
         model.smoothing = options.smoothing;
         Ok(model)
     }
+}
+
+/// The seed of a grid of the chain.
+fn seed_of(seed: u64, level: usize) -> u64 {
+    if level > 0 { hash(seed, GRID, level as u64) } else { seed }
 }
 
 /// Values of a grid, x fastest, on another grid over the same box.

@@ -373,12 +373,13 @@ impl Map {
                 continue;
             }
             *moved = far;
+            let number = |c: usize| if v[c] == s[c] { texel[c] } else { unorm(v[c]) };
             *texel = match self.kind {
                 MapKind::BaseColor => {
                     [linear_to_srgb_u8(v[0]), linear_to_srgb_u8(v[1]), linear_to_srgb_u8(v[2]), texel[3]]
                 }
-                MapKind::Normal => [unorm(v[0]), unorm(v[1]), unorm(v[2]), texel[3]],
-                _ => [texel[0], unorm(v[1]), unorm(v[2]), texel[3]],
+                MapKind::Normal => [number(0), number(1), number(2), texel[3]],
+                _ => [texel[0], number(1), number(2), texel[3]],
             };
         }
         image.encoded = None;

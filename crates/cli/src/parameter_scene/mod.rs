@@ -4,7 +4,7 @@ mod keys;
 mod quantity;
 
 pub(crate) use keys::Key;
-pub(crate) use quantity::Quantity;
+pub(crate) use quantity::{FAINT, Quantity};
 
 use crate::args::ParameterScene;
 use crate::preflight::Places;

@@ -7,7 +7,7 @@ use std::ops::Range;
 /// Values without an upper bound of their own.
 const MOST: f32 = 1e6;
 /// Least radiance and reflectance: at 0, light that would come by them is not found by paths, and they would stay dark.
-const FAINT: f32 = 1e-4;
+pub(crate) const FAINT: f32 = 1e-4;
 
 /// What the values of a parameter are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,11 +80,6 @@ impl Quantity {
             Self::Radiance => [FAINT, MOST],
             Self::Absorption | Self::Extinction | Self::Emission => [0.0, MOST],
         }
-    }
-
-    /// The least value at which paths find light that comes by it, where they find none at 0.
-    pub(crate) fn least_light(self) -> Option<f32> {
-        matches!(self, Self::Color | Self::Radiance).then_some(FAINT)
     }
 
     /// The channels of `channels` that pictures depend on.

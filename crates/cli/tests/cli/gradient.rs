@@ -127,6 +127,36 @@ fn what_is_black_has_the_derivative_of_what_hardly_is() {
 }
 
 #[test]
+fn a_black_light_beside_bright_ones_has_the_derivative_of_a_lit_one() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    let points = |x: f64, id: &str, intensity: &str| {
+        let place = format!("<point name='position' x='{x}' y='1' z='1'/>");
+        format!(
+            "<emitter type='point' id='{id}'>{place}<rgb name='intensity' value='{intensity}'/></emitter>"
+        )
+    };
+    let found = |intensity: &str, lifted: Option<&str>| {
+        let lights = points(1.0, "bright", "40") + &points(-1.0, "one", intensity) + "</scene>";
+        std::fs::write(d.join("s.xml"), scene(0.5).replace("</scene>", &lights)).unwrap();
+        let line = ["gradient", "s.xml", "--parameter", "one.intensity.value", "--spp", "256"];
+        let o = succeeds(d, &[&line[..], &["--json", "g.json"]].concat());
+        let told = String::from_utf8_lossy(&o.stderr).into_owned();
+        assert!(lifted.map_or(!told.contains("are 0"), |l| told.contains(l)), "{told}");
+        figures(d, "g.json")
+    };
+    let (lit, black) = (found("30", None), found("0", Some("3 of 3 numbers are 0")));
+    // Another channel finds the light.
+    let (red, _) = found("30,0,0", None);
+    for c in 0..3 {
+        let sigma = lit.1[c].hypot(black.1[c]);
+        assert!((lit.0[c] - black.0[c]).abs() < 5.0 * sigma, "{c}: {lit:?} {black:?}");
+        assert!((lit.0[c] - red[c]).abs() < 5.0 * 2.0 * lit.1[c], "{c}: {lit:?} {red:?}");
+        assert!(sigma < 0.1 * lit.0[c], "{sigma} says nothing");
+    }
+}
+
+#[test]
 fn a_gradient_of_nothing_is_told() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();

@@ -39,7 +39,7 @@ pub struct TracedParameter {
     /// Slices, rows, columns and channels, as they follow each other in memory from slow to fast; one slice for textures,
     /// one row and one column too for values.
     pub shape: [usize; 4],
-    /// Lowest and highest value; a fit leaves out where pictures do not depend on it ([`World::effective_range`]).
+    /// Lowest and highest value; a fit leaves out where values have no derivative ([`World::effective_range`]).
     pub range: [f32; 2],
 }
 
@@ -91,7 +91,7 @@ pub struct Traced {
     /// What pictures and gradients leave out.
     pub(crate) not_finite: NotFinite,
     values: Vec<Vec<f32>>,
-    /// [`World::effective_range`] of each parameter, by the other values at the start.
+    /// [`World::effective_range`] of each parameter in the world that the model was made of.
     effective: Vec<[[f32; 2]; 3]>,
     /// What moves of each parameter.
     motions: Vec<Motion>,
@@ -268,7 +268,7 @@ impl Traced {
         }
     }
 
-    /// Lowest and highest value of each channel of a parameter: its range, as far as pictures depend on it.
+    /// Lowest and highest value of each channel of a parameter: its range, as far as values have derivatives.
     pub(crate) fn ranges(&self, parameter: usize) -> Vec<[f32; 2]> {
         let (p, effective) = (&self.parameters[parameter], self.effective[parameter]);
         let [low, high] = p.range;

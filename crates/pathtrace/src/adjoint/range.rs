@@ -1,4 +1,4 @@
-//! Where pictures depend on the values of a parameter.
+//! Where values of a parameter have derivatives.
 
 use super::parameter::{MaterialValue, Parameter, library_material};
 use crate::volume::MediumValue;
@@ -8,14 +8,18 @@ use photofit_shading::ROUGHNESS_MIN;
 
 /// What keeps products and sums of single precision on the side of a bound where they have a derivative.
 const MARGIN: f64 = 1e-6;
+/// Least factor, or largest texel, that bounds the other for: texels below a bound may count where they are mixed with brighter ones,
+/// and either may change.
+const LEAST_OTHER: f32 = 0.5;
 
 impl World {
-    /// Lowest and highest value of each channel of a parameter between which pictures depend on it: beyond, values change
-    /// nothing and have no derivative. Infinite where there is no such bound.
+    /// Lowest and highest value of each channel of a parameter between which all values have a derivative. Infinite where there
+    /// is no such bound.
     ///
     /// Opaque materials of assets are never smoother than [`ROUGHNESS_MIN`], which bounds a map of roughness by the largest
-    /// factor that it has, and the factor by the largest value of its maps; grids of extinction are bounded by
-    /// [`crate::Volume::THICKEST`].
+    /// factor that it has, and the factor by the largest value of its maps, either counting as a half at least. (A texel
+    /// below has a derivative where it is mixed with rougher ones alone.) Extinction of grids is bounded by [`crate::Volume::THICKEST`], beyond which nothing
+    /// changes.
     pub fn effective_range(&self, parameter: &Parameter) -> [[f32; 2]; 3] {
         let mut range = [[f32::NEG_INFINITY, f32::INFINITY]; 3];
         match (parameter, self.library()) {
@@ -54,9 +58,8 @@ fn least_factor(library: &SurfaceLibrary, materials: impl Iterator<Item = usize>
     least(library, &materials, most)
 }
 
-/// The least value whose product with this one counts as roughness; none where it never does, or where clear glass has none.
+/// The least value whose product with this one counts as roughness; none where clear glass has none.
 fn least(library: &SurfaceLibrary, materials: &[usize], other: f32) -> f32 {
-    let least = (ROUGHNESS_MIN * (1.0 + MARGIN)) as f32 / other;
     let clear = materials.iter().any(|m| library.may_transmit(*m));
-    if clear || least >= 1.0 { f32::NEG_INFINITY } else { least }
+    if clear { f32::NEG_INFINITY } else { (ROUGHNESS_MIN * (1.0 + MARGIN)) as f32 / other.max(LEAST_OTHER) }
 }

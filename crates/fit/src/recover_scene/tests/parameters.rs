@@ -126,7 +126,7 @@ fn texels_of_a_mirror_become_rough() {
     let slot = TextureSlot::new(0);
     let floor = SceneMaterial { metallic_roughness_texture: Some(slot), ..SceneMaterial::clay() };
     let floor = SceneMaterial { base_color: [0.8, 0.8, 0.8, 1.0], roughness: 0.8, metallic: 1.0, ..floor };
-    let world = || hall_of(floor.clone(), |_| [255, 125, 255, 255]);
+    let world = || hall_of(floor.clone(), |_| [255, 150, 255, 255]);
     let texture = world().library().and_then(|l| l.texture_of(0, MapKind::MetallicRoughness)).expect("a map");
     let parameter = TracedParameter {
         name: "map".into(),
@@ -136,7 +136,7 @@ fn texels_of_a_mirror_become_rough() {
     };
     let factor = Parameter::Material { materials: vec![0], value: MaterialValue::Roughness };
     let [least, _] = world().effective_range(&factor)[0];
-    assert!((least * 125.0 / 255.0 - 0.03).abs() < 1e-6, "of the factor: {least}");
+    assert!((least * 150.0 / 255.0 - 0.03).abs() < 1e-6, "of the factor: {least}");
     let mut options = RenderOptions { width: PIXELS, height: PIXELS, spp: 8, ..RenderOptions::default() };
     options.path.max_depth = 3;
     for cell in [None, Some(2)] {
@@ -156,7 +156,7 @@ fn texels_of_a_mirror_become_rough() {
         let r = recover_scene(model, &around(2), &targets, &options, &Silent).expect("fits");
         let roughness: Vec<f32> = r.model.of(0).iter().skip(1).step_by(3).copied().collect();
         let error = |start: Option<f32>| {
-            let off = |r: &f32| f64::from(start.unwrap_or(*r) - 125.0 / 255.0).powi(2);
+            let off = |r: &f32| f64::from(start.unwrap_or(*r) - 150.0 / 255.0).powi(2);
             roughness.iter().map(off).sum::<f64>().sqrt()
         };
         assert!(error(None) < 0.75 * error(Some(0.0)), "{cell:?}: {roughness:?}");
