@@ -10,6 +10,7 @@ use anyhow::{Result, anyhow, bail};
 use photofit_fit::engine::not_finite_told;
 use photofit_image::Image;
 use photofit_pathtrace::{Adjoint, GradientSamples, Parameter, PathtraceError, RenderOptions, World};
+use photofit_scene::MapKind;
 use serde_json::{Value, json};
 use std::time::Instant;
 
@@ -36,6 +37,12 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
         bail!(Misuse(format!("--camera: is given {} times; it must be given once", a.scene.camera.len())));
     }
     let key = subject.find(&a.scene, name)?.clone();
+    if key.dark {
+        let file = a.scene.input.display();
+        bail!(
+            "{file}: {name} is 0, where it has no derivative; it must be more than 0 (recover scene lifts it)"
+        );
+    }
     let [slices, rows, columns, channels] = key.shape;
     if a.image.is_some() && (slices > 1 || rows * columns == 1) {
         let is = if slices > 1 { "a grid in space (--json has its values)" } else { "a single value" };
@@ -44,9 +51,9 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     let (loss, unit) = weights(a, &subject.options)?;
     let named = |e: &dyn std::fmt::Display| anyhow!("{}: {e}", a.scene.input.display());
     let mut world = World::with_options(subject.parts, subject.world).map_err(|e| named(&e))?;
-    let lifted = lift(&mut world, &key, &subject.keys).map_err(|e| named(&e))?;
+    let lifted = lift(&mut world, &key).map_err(|e| named(&e))?;
     let mut options = subject.options;
-    if lifted > 0 && key.quantity == Quantity::Color {
+    if let Some((_, Lift::Faint)) = lifted {
         // Paths that hardly bring light bring the derivative.
         let all = options.path.max_depth.saturating_add(1).min(ALL_GO_ON);
         options.path.roulette_depth = options.path.roulette_depth.max(all);
@@ -77,7 +84,7 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     }
     if let Some(file) = &a.json {
         let mut figures = to_json(a, &options, &key, &values);
-        figures["lifted"] = json!(lifted);
+        figures["lifted"] = json!(lifted.map_or(0, |l| l.0));
         figures["roulette_depth"] = json!(options.path.roulette_depth);
         figures["spp"] = json!(samples.estimates().into_iter().product::<u32>());
         figures["residual"] = json!(gradient.residual);
@@ -89,14 +96,14 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     if gradient.not_finite > 0 {
         crate::progress::say(&not_finite_told(gradient.not_finite));
     }
-    if lifted > 0 {
+    if let Some((zeros, lift)) = lifted {
         let of = key.shape.iter().product::<usize>();
-        let at = match key.quantity {
-            Quantity::Color => format!("{FAINT}"),
-            _ => "brighter ones, of which pictures are linear,".into(),
+        let at = match lift {
+            Lift::Faint => format!("{FAINT}"),
+            Lift::Linear => "other values, of which pictures are linear,".into(),
         };
         crate::progress::say(&format!(
-            "{name}: {lifted} of {of} numbers are 0, where paths do not find their light; their derivatives are taken at {at} instead"
+            "{name}: {zeros} of {of} numbers are 0, where paths do not find their light; their derivatives are taken at {at} instead"
         ));
     }
     if values[0].iter().all(|v| *v == 0.0) {
@@ -107,45 +114,58 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     Ok(Ending::Done)
 }
 
-/// Moves values of 0 to where paths find the light that comes by them; gives how many numbers of the key. A black channel of a
-/// reflectance ends what it would scatter, and lights that are black in all channels are not sampled, so that most of their derivative
-/// would be left out. Pictures are linear in what lights emit: they become about as bright as others.
-fn lift(world: &mut World, key: &Key, keys: &[Key]) -> Result<usize, PathtraceError> {
-    let radiates = |k: &Key| k.quantity == Quantity::Radiance;
-    if !radiates(key) && key.quantity != Quantity::Color {
-        return Ok(0);
-    }
+/// What values of 0 become, so that paths find the light that comes by them.
+#[derive(Clone, Copy)]
+enum Lift {
+    /// [`FAINT`]: channels of reflectances.
+    Faint,
+    /// The mean of the others, of which pictures are linear: what lights emit.
+    Linear,
+}
+
+/// Moves values of 0 to where paths find the light that comes by them; tells how many numbers of the key there are. A black channel of
+/// a reflectance ends what it would scatter, and what emits in no channel is not sampled, so that most of their derivative would be
+/// left out.
+fn lift(world: &mut World, key: &Key) -> Result<Option<(usize, Lift)>, PathtraceError> {
+    let lift = match key.quantity {
+        Quantity::Color => Lift::Faint,
+        // An image may be colour and emission in one.
+        Quantity::Radiance if is_color(world, &key.parameter) => Lift::Faint,
+        Quantity::Radiance => Lift::Linear,
+        _ => return Ok(None),
+    };
     let mut values = world.parameter(&key.parameter)?;
     let channels = key.shape[3];
     let held = values.len() / (key.shape.iter().product::<usize>() / channels).max(1);
-    let is_lifted = |cell: &[f32]| !radiates(key) || cell.iter().all(|v| *v == 0.0);
-    let zeros = |cell: &[f32]| cell[..channels].iter().filter(|v| **v == 0.0).count();
-    let cells = values.chunks_exact(held.max(1)).filter(|cell| is_lifted(cell));
-    let lifted = cells.map(zeros).sum();
-    if lifted == 0 {
-        return Ok(0);
-    }
-    let to = if radiates(key) {
-        let others =
-            || keys.iter().filter(|k| radiates(k)).filter_map(|k| world.parameter(&k.parameter).ok());
-        mean(&values).or_else(|| others().filter_map(|v| mean(&v)).reduce(f32::max)).unwrap_or(1.0)
-    } else {
-        FAINT
+    let to = match lift {
+        Lift::Faint => FAINT,
+        Lift::Linear => mean(&values),
     };
+    let mut zeros = 0;
     for cell in values.chunks_exact_mut(held.max(1)) {
-        if is_lifted(cell) {
+        if matches!(lift, Lift::Faint) || cell.iter().all(|v| *v == 0.0) {
+            zeros += cell[..channels].iter().filter(|v| **v == 0.0).count();
             cell.iter_mut().filter(|v| **v == 0.0).for_each(|v| *v = to);
         }
     }
+    if zeros == 0 {
+        return Ok(None);
+    }
     world.set_parameter(&key.parameter, &values)?;
-    Ok(lifted)
+    Ok(Some((zeros, lift)))
 }
 
-/// Mean of the values above 0; `None` without any.
-fn mean(values: &[f32]) -> Option<f32> {
-    let (sum, count) =
-        values.iter().filter(|v| **v > 0.0).fold((0.0, 0), |(s, n), v| (s + f64::from(*v), n + 1));
-    (count > 0).then(|| (sum / f64::from(count)) as f32)
+/// Whether a texture of an asset is the base colour of a material.
+fn is_color(world: &World, parameter: &Parameter) -> bool {
+    let (Parameter::Texels { texture }, Some(library)) = (parameter, world.library()) else { return false };
+    (0..library.materials()).any(|m| library.texture_of(m, MapKind::BaseColor) == Some(*texture))
+}
+
+/// Mean of the values above 0; 1 without any.
+fn mean(values: &[f32]) -> f32 {
+    let lit = values.iter().filter(|v| **v > 0.0);
+    let (sum, count) = lit.fold((0.0, 0_u32), |(s, n), v| (s + f64::from(*v), n + 1));
+    if count > 0 { (sum / f64::from(count)) as f32 } else { 1.0 }
 }
 
 fn list(keys: &[Key]) -> Result<()> {

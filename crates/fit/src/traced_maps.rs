@@ -246,6 +246,8 @@ fn fingerprint(o: &TracedMapsOptions, light: &Scene) -> Fingerprint {
     // Corrections are relative to these, which the values that move do not tell.
     let mut maps = crate::engine::checkpoint::Digest::new();
     light.images.iter().for_each(|i| maps.add_bytes(i.texels.as_flattened()));
+    // Factors bound what they multiply.
+    light.materials.iter().for_each(|m| maps.add_bytes(&m.roughness.to_le_bytes()));
     Fingerprint::default()
         .option("rate", o.rate)
         .option("size", o.size)

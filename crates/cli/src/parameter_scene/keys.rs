@@ -25,14 +25,14 @@ pub(crate) struct Key {
     pub(crate) bounds: [DVec3; 2],
     /// What its values are.
     pub(crate) quantity: Quantity,
-    /// Its value is 0, where paths do not find its light: derivatives are taken elsewhere.
+    /// Its value is 0, where it has no derivative: it has to be lifted first.
     pub(crate) dark: bool,
     /// Why it changes no picture, where it changes none.
     pub(crate) idle: Option<String>,
 }
 
 impl Key {
-    /// What lists add to the name of a parameter that changes no picture now.
+    /// What lists add to the name of a parameter that has no derivative now.
     pub(crate) fn zero(&self) -> &'static str {
         if self.dark || self.idle.is_some() { " (0 in this scene)" } else { "" }
     }

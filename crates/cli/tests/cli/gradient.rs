@@ -94,65 +94,68 @@ fn keys_are_those_of_mitsuba_and_gradients_those_of_pictures() {
 }
 
 #[test]
-fn what_is_black_has_the_derivative_of_what_hardly_is() {
+fn channels_that_are_black_have_the_derivative_of_those_that_hardly_are() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();
-    // The green of a floor, alone and in all channels.
-    for (beside, lifted) in [(Some(0.5), 1), (None, 3)] {
-        let floor = |green: f64| {
-            let other = beside.unwrap_or(green);
-            scene(format!("{other},{green},{other}"))
-        };
-        std::fs::write(d.join("s.xml"), floor(0.0)).unwrap();
-        let line = ["gradient", "s.xml", "--parameter", "white.reflectance.value", "--spp", "1024"];
-        let o = succeeds(d, &[&line[..], &["--json", "g.json"]].concat());
-        let told = String::from_utf8_lossy(&o.stderr).into_owned();
-        assert!(
-            told.contains(&format!("{lifted} of 3 numbers are 0")) && told.contains("at 0.0001"),
-            "{told}"
-        );
-        let (gradient, error) = figures(d, "g.json");
-        let sum = |green: f64| {
-            std::fs::write(d.join("m.xml"), floor(green)).unwrap();
-            succeeds(d, &["render", "m.xml", "-o", "m.exr", "--spp", "1024", "--background"]);
-            let picture = photofit_image::read(d.join("m.exr")).unwrap();
-            (0..192).map(|i| f64::from(picture.pixel(i % 16, i / 16)[1])).sum::<f64>()
-        };
-        let difference = (sum(0.02) - sum(0.0)) / 0.02;
-        let bound = (0.02 * difference).max(5.0 * error[1]);
-        let told = format!("{beside:?}: {gradient:?} {error:?} {difference}");
-        assert!((gradient[1] - difference).abs() < bound, "{told}");
-        assert!(error[1] < 0.02 * difference, "{told} says nothing");
-    }
+    std::fs::write(d.join("s.xml"), scene("0.5,0,0.5")).unwrap();
+    let line = ["gradient", "s.xml", "--parameter", "white.reflectance.value", "--spp", "1024"];
+    let o = succeeds(d, &[&line[..], &["--json", "g.json"]].concat());
+    let told = String::from_utf8_lossy(&o.stderr).into_owned();
+    assert!(told.contains("1 of 3 numbers are 0") && told.contains("at 0.0001"), "{told}");
+    let (gradient, error) = figures(d, "g.json");
+    let sum = |green: f64| {
+        std::fs::write(d.join("m.xml"), scene(format!("0.5,{green},0.5"))).unwrap();
+        succeeds(d, &["render", "m.xml", "-o", "m.exr", "--spp", "1024", "--background"]);
+        let picture = photofit_image::read(d.join("m.exr")).unwrap();
+        (0..192).map(|i| f64::from(picture.pixel(i % 16, i / 16)[1])).sum::<f64>()
+    };
+    let difference = (sum(0.02) - sum(0.0)) / 0.02;
+    let bound = (0.02 * difference).max(5.0 * error[1]);
+    assert!((gradient[1] - difference).abs() < bound, "{gradient:?} {error:?} {difference}");
+    assert!(error[1] < 0.02 * difference, "{error:?} says nothing");
+}
+
+/// The gradient, its standard error and what is told of texels that are black.
+fn of_texels(
+    d: &Path,
+    [left, right]: [f32; 2],
+    texture: &str,
+    of: &str,
+    key: &str,
+) -> (Vec<f64>, Vec<f64>, String) {
+    let image = Image::from_fn(2, 1, 3, |x, _, _| if x == 0 { left } else { right });
+    photofit_image::write_exr(d.join("map.exr"), &[("", &image, &["R", "G", "B"])]).unwrap();
+    let map = format!(
+        "<texture type='bitmap' name='{texture}'><string name='filename' value='map.exr'/>
+        <boolean name='raw' value='true'/><string name='filter_type' value='nearest'/></texture>"
+    );
+    std::fs::write(d.join("t.xml"), scene(0.5).replace(of, &map)).unwrap();
+    let line = ["gradient", "t.xml", "--parameter", key, "--spp", "1024", "--json", "t.json"];
+    let o = succeeds(d, &line);
+    let (gradient, error) = figures(d, "t.json");
+    (gradient, error, String::from_utf8_lossy(&o.stderr).into_owned())
 }
 
 #[test]
-fn a_black_light_beside_bright_ones_has_the_derivative_of_a_lit_one() {
+fn black_texels_have_the_derivatives_of_others() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();
-    let points = |x: f64, id: &str, intensity: &str| {
-        let place = format!("<point name='position' x='{x}' y='1' z='1'/>");
-        format!(
-            "<emitter type='point' id='{id}'>{place}<rgb name='intensity' value='{intensity}'/></emitter>"
-        )
-    };
-    let found = |intensity: &str, lifted: Option<&str>| {
-        let lights = points(1.0, "bright", "40") + &points(-1.0, "one", intensity) + "</scene>";
-        std::fs::write(d.join("s.xml"), scene(0.5).replace("</scene>", &lights)).unwrap();
-        let line = ["gradient", "s.xml", "--parameter", "one.intensity.value", "--spp", "256"];
-        let o = succeeds(d, &[&line[..], &["--json", "g.json"]].concat());
-        let told = String::from_utf8_lossy(&o.stderr).into_owned();
-        assert!(lifted.map_or(!told.contains("are 0"), |l| told.contains(l)), "{told}");
-        figures(d, "g.json")
-    };
-    let (lit, black) = (found("30", None), found("0", Some("3 of 3 numbers are 0")));
-    // Another channel finds the light.
-    let (red, _) = found("30,0,0", None);
-    for c in 0..3 {
-        let sigma = lit.1[c].hypot(black.1[c]);
-        assert!((lit.0[c] - black.0[c]).abs() < 5.0 * sigma, "{c}: {lit:?} {black:?}");
-        assert!((lit.0[c] - red[c]).abs() < 5.0 * 2.0 * lit.1[c], "{c}: {lit:?} {red:?}");
-        assert!(sigma < 0.1 * lit.0[c], "{sigma} says nothing");
+    // Pictures are linear in what a lamp emits, and nearly in a small reflectance.
+    let lamp = ("radiance", "<rgb name='radiance' value='4,5,6'/>", "lamp.emitter.radiance.data");
+    let floor = ("reflectance", "<rgb name='reflectance' value='0.5'/>", "white.reflectance.data");
+    for ((texture, of, key), black, lit, slack) in
+        [(lamp, [0.0, 5.0], [5.0, 5.0], 0.0), (floor, [0.0, 0.5], [0.01, 0.5], 0.02)]
+    {
+        let (a, sa, told) = of_texels(d, black, texture, of, key);
+        assert!(told.contains("3 of 6 numbers are 0"), "{told}");
+        let (b, sb, told) = of_texels(d, lit, texture, of, key);
+        assert!(!told.contains("are 0"), "{told}");
+        for i in 0..6 {
+            let sigma = sa[i].hypot(sb[i]);
+            let told = format!("{key} {i}: {a:?} +- {sa:?}, {b:?} +- {sb:?}");
+            assert!((a[i] - b[i]).abs() < 5.0 * sigma + slack * b[i].abs(), "{told}");
+            assert!(sigma < 0.1 * b[i].abs(), "{told} says nothing");
+        }
     }
 }
 

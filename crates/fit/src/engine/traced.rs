@@ -39,7 +39,7 @@ pub struct TracedParameter {
     /// Slices, rows, columns and channels, as they follow each other in memory from slow to fast; one slice for textures,
     /// one row and one column too for values.
     pub shape: [usize; 4],
-    /// Lowest and highest value; a fit leaves out where values have no derivative ([`World::effective_range`]).
+    /// Lowest and highest value; a fit keeps within [`World::effective_range`], too.
     pub range: [f32; 2],
 }
 
@@ -268,7 +268,7 @@ impl Traced {
         }
     }
 
-    /// Lowest and highest value of each channel of a parameter: its range, as far as values have derivatives.
+    /// Lowest and highest value of each channel of a parameter: its range within [`World::effective_range`].
     pub(crate) fn ranges(&self, parameter: usize) -> Vec<[f32; 2]> {
         let (p, effective) = (&self.parameters[parameter], self.effective[parameter]);
         let [low, high] = p.range;

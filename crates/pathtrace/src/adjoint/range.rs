@@ -1,4 +1,4 @@
-//! Where values of a parameter have derivatives.
+//! Beyond which bounds values of a parameter have no derivative.
 
 use super::parameter::{MaterialValue, Parameter, library_material};
 use crate::volume::MediumValue;
@@ -13,13 +13,13 @@ const MARGIN: f64 = 1e-6;
 const LEAST_OTHER: f32 = 0.5;
 
 impl World {
-    /// Lowest and highest value of each channel of a parameter between which all values have a derivative. Infinite where there
-    /// is no such bound.
+    /// Lowest and highest value of each channel of a parameter, so that values beyond have no derivative of their own. Infinite
+    /// where there is no such bound.
     ///
     /// Opaque materials of assets are never smoother than [`ROUGHNESS_MIN`], which bounds a map of roughness by the largest
-    /// factor that it has, and the factor by the largest value of its maps, either counting as a half at least. (A texel
-    /// below has a derivative where it is mixed with rougher ones alone.) Extinction of grids is bounded by [`crate::Volume::THICKEST`], beyond which nothing
-    /// changes.
+    /// factor that it has, and the factor by the largest value of its maps. Where that is below a half the bound is twice
+    /// [`ROUGHNESS_MIN`], and values next above it have no derivative either. (A texel below the bound has one where it is mixed with
+    /// rougher ones.) Extinction of grids is bounded by [`crate::Volume::THICKEST`], beyond which nothing changes.
     pub fn effective_range(&self, parameter: &Parameter) -> [[f32; 2]; 3] {
         let mut range = [[f32::NEG_INFINITY, f32::INFINITY]; 3];
         match (parameter, self.library()) {
@@ -58,8 +58,11 @@ fn least_factor(library: &SurfaceLibrary, materials: impl Iterator<Item = usize>
     least(library, &materials, most)
 }
 
-/// The least value whose product with this one counts as roughness; none where clear glass has none.
+/// The least value whose product with this one counts as roughness, at most twice [`ROUGHNESS_MIN`]; none without materials, or
+/// where clear glass has none.
 fn least(library: &SurfaceLibrary, materials: &[usize], other: f32) -> f32 {
-    let clear = materials.iter().any(|m| library.may_transmit(*m));
-    if clear { f32::NEG_INFINITY } else { (ROUGHNESS_MIN * (1.0 + MARGIN)) as f32 / other.max(LEAST_OTHER) }
+    if materials.is_empty() || materials.iter().any(|m| library.may_transmit(*m)) {
+        return f32::NEG_INFINITY;
+    }
+    (ROUGHNESS_MIN * (1.0 + MARGIN)) as f32 / other.max(LEAST_OTHER)
 }

@@ -135,6 +135,20 @@ fn texels_of_a_mirror_become_rough() {
         range: [0.0, 1.0],
     };
     let factor = Parameter::Material { materials: vec![0], value: MaterialValue::Roughness };
+    for map in [MapKind::BaseColor, MapKind::Emissive, MapKind::Normal] {
+        let parameter = Parameter::Texels { texture };
+        let reads = SceneMaterial { metallic_roughness_texture: None, ..floor.clone() };
+        let reads = match map {
+            MapKind::BaseColor => SceneMaterial { base_color_texture: Some(slot), ..reads },
+            MapKind::Emissive => SceneMaterial { emissive_texture: Some(slot), emissive: [1.0; 3], ..reads },
+            _ => SceneMaterial { normal_texture: Some(slot), ..reads },
+        };
+        let range = hall_of(reads, |_| [0, 0, 0, 255]).effective_range(&parameter);
+        assert_eq!(range, [[f32::NEG_INFINITY, f32::INFINITY]; 3], "{map:?}");
+    }
+    let faint = hall_of(SceneMaterial { roughness: 0.1, ..floor.clone() }, |_| [255, 150, 255, 255]);
+    let [_, [least, _], _] = faint.effective_range(&Parameter::Texels { texture });
+    assert!((least - 0.06).abs() < 1e-6, "at most twice the least roughness: {least}");
     let [least, _] = world().effective_range(&factor)[0];
     assert!((least * 150.0 / 255.0 - 0.03).abs() < 1e-6, "of the factor: {least}");
     let mut options = RenderOptions { width: PIXELS, height: PIXELS, spp: 8, ..RenderOptions::default() };
