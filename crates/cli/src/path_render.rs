@@ -255,6 +255,11 @@ fn environment(file: &Path) -> Result<EnvironmentMap> {
     let mean = luminance(map.mean().to_array());
     if mean > 0.0 && mean.is_finite() {
         map.scale = MEAN / mean;
+        say(&format!(
+            "{}: scaled by {:.4} to a mean radiance of {MEAN} (gradient and recover take it as bright as it is)",
+            file.display(),
+            map.scale
+        ));
     }
     Ok(map)
 }

@@ -62,7 +62,7 @@ pub(crate) struct Render {
         default_value_if("env", clap::builder::ArgPredicate::IsPresent, "env")
     )]
     pub(crate) light: RenderLight,
-    /// Equirectangular environment (.hdr, .exr, .png, .jpg); implies --light env.
+    /// Equirectangular environment (.hdr, .exr, .png, .jpg), scaled to a mean radiance of 0.7; implies --light env.
     #[arg(long, value_name = "FILE", required_if_eq("light", "env"))]
     pub(crate) env: Option<PathBuf>,
     /// Samples per pixel: 1, 4, 16 or 64 for raster, at most this many for path [range: 1 to 16777216] [default: 16 for

@@ -27,7 +27,7 @@ pub(crate) struct Key {
     pub(crate) quantity: Quantity,
     /// Its value is 0, where it has no derivative: it has to be lifted first.
     pub(crate) dark: bool,
-    /// Why it changes no picture, where it changes none.
+    /// Why it cannot be told what it changes, where it cannot.
     pub(crate) idle: Option<String>,
 }
 
@@ -50,18 +50,20 @@ struct Keys {
 
 impl Keys {
     /// A value of a material; materials that share a name share the value.
-    fn value(&mut self, name: String, material: usize, value: MaterialValue, dark: bool) {
-        if let Some(key) = self.known.get(&name).map(|k| &mut self.list[*k])
+    fn value(&mut self, name: String, material: usize, value: MaterialValue, dark: bool) -> usize {
+        if let Some(place) = self.known.get(&name).copied()
+            && let key = &mut self.list[place]
             && let Parameter::Material { materials, value: known } = &mut key.parameter
             && *known == value
             && key.dark == dark
         {
             materials.push(material);
-            return;
+            return place;
         }
         let parameter = Parameter::Material { materials: vec![material], value };
         let key = self.push(name, parameter, [1, 1, 1, value.channels()], Quantity::of(value));
         self.list[key].dark = dark;
+        key
     }
 
     /// A texture of a tree.
@@ -324,7 +326,10 @@ pub(super) fn of_asset(scene: &Scene, parts: &Parts) -> Vec<Key> {
                 MaterialValue::BaseColor => m.base_color[..3] == [0.0; 3],
                 _ => false,
             };
-            keys.value(format!("{name}.{value}"), i, which, dark);
+            let key = keys.value(format!("{name}.{value}"), i, which, dark);
+            if which == MaterialValue::Emissive && black && !m.unlit && m.emissive_texture.is_some() {
+                keys.list[key].idle = Some("is 0, so that its map is not read".into());
+            }
         }
         let maps = [
             ("base_color_texture", MapKind::BaseColor),
@@ -341,11 +346,7 @@ pub(super) fn of_asset(scene: &Scene, parts: &Parts) -> Vec<Key> {
             if let Some(texture) = library.texture_of(i, kind) {
                 let shape = size_of_texture(library, texture);
                 let quantity = Quantity::of_map(kind);
-                let key = keys.push(format!("{name}.{map}"), Parameter::Texels { texture }, shape, quantity);
-                if kind == MapKind::Emissive && black {
-                    let rule = format!("its factor {name}.emissive is 0, so that the map gives no light");
-                    keys.list[key].idle = Some(rule);
-                }
+                keys.push(format!("{name}.{map}"), Parameter::Texels { texture }, shape, quantity);
             }
         }
     }

@@ -1,8 +1,8 @@
 //! Names and quantities of keys.
 
 use super::*;
-use photofit_scene::Material;
 use photofit_scene::mitsuba::{MitsubaOptions, load_mitsuba};
+use photofit_scene::{Material, TextureImage, TextureSlot};
 
 fn names(keys: &[Key]) -> Vec<&str> {
     keys.iter().map(|k| k.name.as_str()).collect()
@@ -116,6 +116,27 @@ fn black_emitters_are_keys_that_have_to_be_lifted() {
     let keys = mitsuba(&sphere("ball", lamp));
     let key = keys.iter().find(|k| k.name == "ball.emitter.radiance.value").expect("a key");
     assert!(key.dark && key.quantity == Quantity::Radiance);
+}
+
+/// Libraries do not read maps that a factor of 0 hides, so that a raised factor would glow evenly.
+#[test]
+fn black_factors_of_maps_are_refused() {
+    let idle = |emissive: f32| {
+        let slot = Some(TextureSlot::new(0));
+        let glowing = Material {
+            name: "a".into(),
+            emissive: [emissive; 3],
+            emissive_texture: slot,
+            ..Material::clay()
+        };
+        let image = TextureImage { width: 1, height: 1, texels: vec![[255; 4]], ..TextureImage::default() };
+        let scene = Scene { materials: vec![glowing], images: vec![image], ..Scene::default() };
+        let keys = of_asset(&scene, &Parts::from_scene(&scene));
+        let key = keys.iter().find(|k| k.name == "a.emissive").expect("a key").clone();
+        (key.idle, names(&keys).contains(&"a.emissive_texture"))
+    };
+    assert_eq!(idle(1e-3), (None, true));
+    assert!(idle(0.0).0.is_some_and(|rule| rule.contains("its map is not read")));
 }
 
 #[test]
