@@ -158,7 +158,7 @@ fn lift(world: &mut World, key: &Key) -> Result<Option<(usize, Lift)>, Pathtrace
 /// Whether a texture of an asset is the base colour of a material.
 fn is_color(world: &World, parameter: &Parameter) -> bool {
     let (Parameter::Texels { texture }, Some(library)) = (parameter, world.library()) else { return false };
-    (0..library.materials()).any(|m| library.texture_of(m, MapKind::BaseColor) == Some(*texture))
+    library.readers(*texture, MapKind::BaseColor).next().is_some()
 }
 
 /// Mean of the values above 0; 1 without any.

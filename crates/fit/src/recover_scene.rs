@@ -20,7 +20,7 @@ use crate::pictures::value_fault;
 use crate::{FitError, Progress};
 use photofit_image::Image;
 use photofit_pathtrace::{MaterialValue, MediumValue, Parameter, View};
-use photofit_scene::{MapKind, SurfaceLibrary};
+use photofit_scene::MapKind;
 
 pub use crate::engine::trainer::relative_error;
 
@@ -300,10 +300,7 @@ fn begin(model: &mut Traced) -> Result<(), FitError> {
             }
             Parameter::Texels { texture } => {
                 let world = model.world();
-                let glows = |l: &SurfaceLibrary| {
-                    (0..l.materials()).any(|m| l.texture_of(m, MapKind::Emissive) == Some(*texture))
-                };
-                world.library().is_some_and(glows)
+                world.library().is_some_and(|l| l.readers(*texture, MapKind::Emissive).next().is_some())
             }
             _ => false,
         };

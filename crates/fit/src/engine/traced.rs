@@ -19,7 +19,7 @@ use correction::{Correction, Motion};
 pub use filters::Smoothing;
 use filters::{levels, narrowed, optimizer};
 use photofit_image::Image;
-use photofit_optim::Optimizer;
+use photofit_optim::{Optimizer, clamp_channels};
 use photofit_pathtrace::{Adjoint, GradientSamples, Parameter, RenderOptions, Renderer, View, World};
 use photofit_sampling::hash;
 use std::borrow::Cow;
@@ -278,9 +278,9 @@ impl Traced {
 
     /// The values of a parameter, moved into the ranges of their channels.
     pub(crate) fn within(&self, parameter: usize) -> Vec<f32> {
-        let ranges = self.ranges(parameter);
-        let rows = self.of(parameter).chunks_exact(ranges.len());
-        rows.flat_map(|row| row.iter().zip(&ranges).map(|(v, [low, high])| v.clamp(*low, *high))).collect()
+        let mut values = self.of(parameter).to_vec();
+        clamp_channels(&mut values, &self.ranges(parameter));
+        values
     }
 
     /// Slices, rows and columns of what moves of a parameter, and the lowest and highest value of each channel.

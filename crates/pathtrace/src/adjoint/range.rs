@@ -41,8 +41,7 @@ impl World {
 
 /// The least roughness in a map that counts, if it is one and no material that reads it is clear.
 fn least_texel(library: &SurfaceLibrary, texture: usize) -> f32 {
-    let reads = |m: &usize| library.texture_of(*m, MapKind::MetallicRoughness) == Some(texture);
-    let readers: Vec<usize> = (0..library.materials()).filter(reads).collect();
+    let readers: Vec<usize> = library.readers(texture, MapKind::MetallicRoughness).collect();
     let factor = readers.iter().map(|m| library.factors(*m).roughness).fold(0.0, f32::max);
     least(library, &readers, factor)
 }

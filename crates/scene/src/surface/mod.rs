@@ -147,6 +147,11 @@ impl SurfaceLibrary {
         slot.map(|s| s.texture)
     }
 
+    /// Materials whose map of this kind reads a texture.
+    pub fn readers(&self, texture: usize, map: MapKind) -> impl Iterator<Item = usize> {
+        (0..self.materials()).filter(move |m| self.texture_of(*m, map) == Some(texture))
+    }
+
     /// Number of textures.
     pub fn textures(&self) -> usize {
         self.textures.len()
