@@ -107,11 +107,32 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
         ));
     }
     if values[0].iter().all(|v| *v == 0.0) {
-        crate::progress::say(&format!(
-            "warning: {name}: no path depends on it; it may be out of sight, the weights may be 0, or --max-depth may be too small"
-        ));
+        let reason = beyond(&world, &key).unwrap_or_else(|| {
+            "no path depends on it; it may be out of sight, the weights may be 0, or --max-depth may be too small"
+                .into()
+        });
+        crate::progress::say(&format!("warning: {name}: {reason}"));
     }
     Ok(Ending::Done)
+}
+
+/// Why pictures do not depend on a parameter whose values are all beyond those that count.
+fn beyond(world: &World, key: &Key) -> Option<String> {
+    let values = world.parameter(&key.parameter).ok()?;
+    let held = values.len() / (key.shape.iter().product::<usize>() / key.shape[3]).max(1);
+    let ranges = world.effective_range(&key.parameter).into_iter().take(held).enumerate();
+    let mut reasons = ranges.filter_map(|(c, [low, high])| {
+        let all = |is: &dyn Fn(f32) -> bool| values.iter().skip(c).step_by(held).all(|v| is(*v));
+        let (side, bound) = if all(&|v| v < low) {
+            ("below", low)
+        } else if all(&|v| v > high) {
+            ("above", high)
+        } else {
+            return None;
+        };
+        Some(format!("all values are {side} {bound:.3}, beyond which pictures do not depend on them"))
+    });
+    reasons.next()
 }
 
 /// What values of 0 become, so that paths find the light that comes by them.

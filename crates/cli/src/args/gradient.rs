@@ -15,7 +15,7 @@ pub(crate) struct Gradient {
     /// The parameter: a key of --list.
     #[arg(long, value_name = "KEY", required_unless_present = "list")]
     pub(crate) parameter: Option<String>,
-    /// Print the keys that have derivatives, each with its shape, and do nothing else. Single values and lights that are 0 have
+    /// Print the keys that have derivatives, each with its shape, and do nothing else. Single colours and lights that are 0 have
     /// none there (media aside), but `photofit recover scene` finds them.
     #[arg(long, conflicts_with_all = ["parameter", "weights", "json", "image"])]
     pub(crate) list: bool,

@@ -327,8 +327,17 @@ pub(super) fn of_asset(scene: &Scene, parts: &Parts) -> Vec<Key> {
                 _ => false,
             };
             let key = keys.value(format!("{name}.{value}"), i, which, dark);
-            if which == MaterialValue::Emissive && black && !m.unlit && m.emissive_texture.is_some() {
-                keys.list[key].idle = Some("is 0, so that its map is not read".into());
+            let hides = match which {
+                MaterialValue::Emissive if black && m.emissive_texture.is_some() => "is 0",
+                MaterialValue::Roughness | MaterialValue::Metallic
+                    if m.roughness == 0.0 && m.metallic == 0.0 && m.metallic_roughness_texture.is_some() =>
+                {
+                    "is 0, as is the other factor of its map"
+                }
+                _ => continue,
+            };
+            if !m.unlit {
+                keys.list[key].idle = Some(format!("{hides}, so that the map is not read"));
             }
         }
         let maps = [

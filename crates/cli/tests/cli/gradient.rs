@@ -1,6 +1,6 @@
 //! `photofit gradient`: keys, values against differences of pictures, what is refused.
 
-use crate::support::{assert_one_error, photofit, stdout, succeeds, write_rock};
+use crate::support::{assert_one_error, photofit, rock, stderr, stdout, succeeds, write_rock};
 use photofit_image::Image;
 use std::fmt::Display;
 use std::path::Path;
@@ -176,6 +176,25 @@ fn a_gradient_of_nothing_is_told() {
             .contains("warning: white.reflectance.value: no path depends on it")
     };
     assert_eq!(["0", "1"].map(told), [true, false]);
+}
+
+/// A mirror is in sight, and yet no picture changes with its roughness before that counts.
+#[test]
+fn values_that_do_not_count_are_told_as_such() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    let sky = Image::from_fn(8, 4, 3, |x, _, _| x as f32 / 8.0);
+    photofit_image::write_png(d.join("sky.png"), &sky).unwrap();
+    for (roughness, told) in [(0.01, true), (0.2, false)] {
+        let mut scene = rock(4, false);
+        scene.materials[0].roughness = roughness;
+        photofit_scene::save_glb(&d.join("rock.glb"), &scene).unwrap();
+        let key = format!("{}.roughness", scene.materials[0].name);
+        let common = ["gradient", "rock.glb", "--parameter", &key, "--env", "sky.png"];
+        let out = succeeds(d, &[&common[..], &["--width", "16", "--height", "16", "--spp", "16"]].concat());
+        let warning = format!("warning: {key}: all values are below 0.030");
+        assert_eq!(stderr(&out).contains(&warning), told, "{}", stderr(&out));
+    }
 }
 
 #[test]

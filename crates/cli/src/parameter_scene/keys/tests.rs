@@ -121,22 +121,36 @@ fn black_emitters_are_keys_that_have_to_be_lifted() {
 /// Libraries do not read maps that a factor of 0 hides, so that a raised factor would glow evenly.
 #[test]
 fn black_factors_of_maps_are_refused() {
-    let idle = |emissive: f32| {
+    let keys = |emissive: f32, roughness: f32| {
         let slot = Some(TextureSlot::new(0));
-        let glowing = Material {
+        let mapped = Material {
             name: "a".into(),
             emissive: [emissive; 3],
             emissive_texture: slot,
+            roughness,
+            metallic: 0.0,
+            metallic_roughness_texture: slot,
             ..Material::clay()
         };
         let image = TextureImage { width: 1, height: 1, texels: vec![[255; 4]], ..TextureImage::default() };
-        let scene = Scene { materials: vec![glowing], images: vec![image], ..Scene::default() };
-        let keys = of_asset(&scene, &Parts::from_scene(&scene));
-        let key = keys.iter().find(|k| k.name == "a.emissive").expect("a key").clone();
-        (key.idle, names(&keys).contains(&"a.emissive_texture"))
+        let scene = Scene { materials: vec![mapped], images: vec![image], ..Scene::default() };
+        of_asset(&scene, &Parts::from_scene(&scene))
     };
-    assert_eq!(idle(1e-3), (None, true));
-    assert!(idle(0.0).0.is_some_and(|rule| rule.contains("its map is not read")));
+    let idle = |keys: &[Key]| {
+        ["emissive", "roughness", "metallic"].map(|value| {
+            let name = format!("a.{value}");
+            let key = keys.iter().find(|k| k.name == name).expect("a key");
+            assert!(key.idle.iter().all(|rule| rule.contains("the map is not read")), "{:?}", key.idle);
+            key.idle.is_some()
+        })
+    };
+    let maps = |keys: &[Key]| names(keys).into_iter().filter(|n| n.ends_with("_texture")).count();
+    for (emissive, roughness, hidden, read) in
+        [(1e-3, 0.5, [false; 3], 2), (0.0, 0.5, [true, false, false], 1), (1e-3, 0.0, [false, true, true], 1)]
+    {
+        let keys = keys(emissive, roughness);
+        assert_eq!((idle(&keys), maps(&keys)), (hidden, read), "{emissive} {roughness}");
+    }
 }
 
 #[test]
