@@ -16,7 +16,7 @@ pub enum Encoding {
 
 impl Default for Encoding {
     fn default() -> Self {
-        Self::Hash(Grid::default())
+        Self::Tensor(Tensor::default())
     }
 }
 

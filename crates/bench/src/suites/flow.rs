@@ -5,7 +5,7 @@ mod scenes;
 
 use anyhow::Result;
 use photofit_fit::guiding::{Guidance, Guiding, GuidingOptions};
-use photofit_flow::{Encoding, FlowOptions, Tensor};
+use photofit_flow::{Encoding, FlowOptions, Grid};
 use photofit_image::Image;
 use photofit_pathtrace::{Parts, RenderOptions, Renderer, View, World};
 use photofit_scene::mitsuba::{MitsubaOptions, load_mitsuba};
@@ -19,6 +19,8 @@ use crate::timing::Timing;
 /// Pixels along the side of the pictures and their samples.
 const SIDE: usize = 96;
 const SPP: u32 = 64;
+/// Pixels along the side of the large ones.
+const LARGE: usize = 512;
 /// Renders with a guide, and as many without.
 const PAIRS: usize = 3;
 
@@ -36,13 +38,16 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     for case in indirect.iter().chain(&others) {
         renders(ctx, case)?;
     }
+    for case in indirect.iter().chain(&others) {
+        large(ctx, case)?;
+    }
     against_time(ctx, &indirect)?;
     ctx.note(format!(
         "All threads, {SIDE} x {SIDE} pixels, {SPP} samples; time \
          is that of the samples over that without a guide, the gains are once without the time of training and once with it, \
          medians of {PAIRS} renders each after one without a guide. The \
          variance is that of single samples over the squared mean luminance of the picture. \"Forced\" guides and those below \
-         them stay on whether or not they pay, and are trained in five rounds. The last rows and the plots: noise of the picture against all time, training included."
+         them stay on whether or not they pay, and are trained in five rounds. \"Large\" pictures of {LARGE} x {LARGE} pixels are rendered once. The last rows and the plots: noise of the picture against all time, training included."
     ));
     Ok(())
 }
@@ -62,8 +67,8 @@ fn of_file(file: &Path) -> Result<Case> {
     Ok((name, World::new(Parts::from_mitsuba(scene))?, view))
 }
 
-fn options(spp: u32) -> RenderOptions {
-    let mut options = RenderOptions { width: SIDE, height: SIDE, spp, ..RenderOptions::default() };
+fn options(side: usize, spp: u32) -> RenderOptions {
+    let mut options = RenderOptions { width: side, height: side, spp, ..RenderOptions::default() };
     options.path.max_depth = 8;
     options
 }
@@ -71,12 +76,12 @@ fn options(spp: u32) -> RenderOptions {
 /// A guide for a picture of so many samples, its sentence and the seconds of its training.
 fn trained(
     (_, world, view): &Case,
-    spp: u32,
+    (side, spp): (usize, u32),
     guiding: Guiding,
     forced: bool,
     flow: FlowOptions,
 ) -> Result<(Guidance, Option<String>, f64)> {
-    let options = options(spp);
+    let options = options(side, spp);
     let renderer = Renderer::new(world, view, options.clone())?;
     let mut guided = GuidingOptions::for_picture(guiding, &options);
     if forced {
@@ -90,8 +95,8 @@ fn trained(
 }
 
 /// The seconds of a picture and the relative variance of its samples.
-fn rendered((_, world, view): &Case, spp: u32, guidance: &Guidance) -> Result<(f64, f64)> {
-    let mut renderer = Renderer::new(world, view, options(spp))?;
+fn rendered((_, world, view): &Case, size: (usize, u32), guidance: &Guidance) -> Result<(f64, f64)> {
+    let mut renderer = Renderer::new(world, view, options(size.0, size.1))?;
     let began = Instant::now();
     while !guidance.pass(&mut renderer, || false).done {}
     let seconds = began.elapsed().as_secs_f64();
@@ -101,22 +106,22 @@ fn rendered((_, world, view): &Case, spp: u32, guidance: &Guidance) -> Result<(f
 /// A guided render, each time after one without a guide, so that both see the same machine.
 fn renders(ctx: &mut Context, case: &Case) -> Result<()> {
     let plain = FlowOptions::default();
-    let tensor = FlowOptions { encoding: Encoding::Tensor(Tensor::default()), ..plain };
+    let hashed = FlowOptions { encoding: Encoding::Hash(Grid::default()), ..plain };
     for (name, guiding, forced, flow) in [
         ("lobes", Guiding::Lobes, false, plain),
         ("flow", Guiding::Flow, false, plain),
         ("lobes, forced", Guiding::Lobes, true, plain),
         ("flow, forced", Guiding::Flow, true, plain),
-        ("flow, planes and lines", Guiding::Flow, true, tensor),
+        ("flow, hash grid", Guiding::Flow, true, hashed),
         ("flow without position", Guiding::Flow, true, FlowOptions { spatial: false, ..plain }),
         ("flow without direction", Guiding::Flow, true, FlowOptions { directional: false, ..plain }),
     ] {
         let (mut seconds, mut ratios, mut whole) = (Vec::new(), Vec::new(), Vec::new());
         let (mut variances, mut told, mut learning) = ([0.0; 2], None, Vec::new());
         for _ in 0..PAIRS {
-            let (off, without) = rendered(case, SPP, &Guidance::off())?;
-            let (guidance, sentence, training) = trained(case, SPP, guiding, forced, flow)?;
-            let (on, with) = rendered(case, SPP, &guidance)?;
+            let (off, without) = rendered(case, (SIDE, SPP), &Guidance::off())?;
+            let (guidance, sentence, training) = trained(case, (SIDE, SPP), guiding, forced, flow)?;
+            let (on, with) = rendered(case, (SIDE, SPP), &guidance)?;
             ratios.push(on / off);
             whole.push((on + training) / off);
             (variances, told) = ([without, with], sentence);
@@ -141,6 +146,28 @@ fn renders(ctx: &mut Context, case: &Case) -> Result<()> {
     Ok(())
 }
 
+/// A picture of usual size, where training is a small part of the work.
+fn large(ctx: &mut Context, case: &Case) -> Result<()> {
+    let size = (LARGE, SPP);
+    for (name, guiding) in [("lobes, large", Guiding::Lobes), ("flow, large", Guiding::Flow)] {
+        let (off, without) = rendered(case, size, &Guidance::off())?;
+        let (guidance, sentence, training) = trained(case, size, guiding, false, FlowOptions::default())?;
+        let (on, with) = rendered(case, size, &guidance)?;
+        ctx.note(format!("{}, {name}: {}.", case.0, sentence.unwrap_or_default()));
+        let (gain, timing) = (without / with, Timing { median: on, spread: 0.0, runs: 1 });
+        let figures = vec![
+            ("variance, off", without),
+            ("variance", with),
+            ("time / off", on / off),
+            ("variance x time, gain", gain * off / on),
+            ("with training, gain", gain * off / (on + training)),
+            ("training s", training),
+        ];
+        ctx.record(name, &case.0, SPP as usize, timing, figures);
+    }
+    Ok(())
+}
+
 /// Noise of the picture against all time, training included.
 fn against_time(ctx: &mut Context, cases: &[Case]) -> Result<()> {
     for case in cases {
@@ -149,8 +176,9 @@ fn against_time(ctx: &mut Context, cases: &[Case]) -> Result<()> {
             let mut curve = Vec::new();
             let most = if guiding == Guiding::Flow { 256 } else { 1024 };
             for spp in [16, 64, 256, 1024].into_iter().filter(|s| *s <= most) {
-                let (guidance, _, training) = trained(case, spp, guiding, false, FlowOptions::default())?;
-                let (seconds, variance) = rendered(case, spp, &guidance)?;
+                let (guidance, _, training) =
+                    trained(case, (SIDE, spp), guiding, false, FlowOptions::default())?;
+                let (seconds, variance) = rendered(case, (SIDE, spp), &guidance)?;
                 let (noise, all) = ((variance / f64::from(spp)).sqrt(), seconds + training);
                 let timing = Timing { median: seconds, spread: 0.0, runs: 1 };
                 curve.push((all, noise));

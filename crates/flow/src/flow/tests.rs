@@ -50,8 +50,9 @@ fn densities_of_random_weights_integrate_to_one() {
 
 #[test]
 fn samples_have_the_density_that_is_stated() {
-    for domain in DOMAINS {
-        let mut guide = guide(FlowOptions { domain, ..FlowOptions::default() });
+    let hashed = (Domain::Hemisphere, Encoding::Hash(Grid::default()));
+    for (domain, encoding) in DOMAINS.map(|d| (d, Encoding::default())).into_iter().chain([hashed]) {
+        let mut guide = guide(FlowOptions { domain, encoding, ..FlowOptions::default() });
         guide.randomize(0.2, 7);
         let local = guide.local(&query(vec3(0.2, 0.7, 0.4), 0.6));
         let (rows, columns, n) = (12, 16, 200_000);
@@ -128,9 +129,9 @@ fn training_lowers_the_cross_entropy_and_every_condition_helps() {
     let directional = trained(FlowOptions { directional: false, ..options }, &data).cross_entropy(&held_out);
     assert!(spatial > full + 0.1, "without positions {spatial}, with {full}");
     assert!(directional > full + 0.1, "without directions {directional}, with {full}");
-    let tensor = FlowOptions { encoding: Encoding::Tensor(Tensor::default()), ..options };
-    let tensor = trained(tensor, &data).cross_entropy(&held_out);
-    assert!(tensor < spatial - 0.1, "planes and lines: {tensor}, without positions {spatial}");
+    let hashed = FlowOptions { encoding: Encoding::Hash(Grid::default()), ..options };
+    let hashed = trained(hashed, &data).cross_entropy(&held_out);
+    assert!(hashed < spatial - 0.1, "hash grid: {hashed}, without positions {spatial}");
     let rational = FlowOptions { family: Family::Rational, bins: 10, ..options };
     let rational = trained(rational, &data).cross_entropy(&held_out);
     assert!(rational < untrained - 0.8, "rational quadratic: {rational}");

@@ -4,8 +4,8 @@ use anyhow::Result;
 use photofit_flow::network::{Hidden, Network};
 use photofit_flow::spline::{Family, Spline};
 use photofit_flow::{
-    Chart, Domain, Encoding, FlowGuide, FlowOptions, Guide, Learn, LobeGuide, LobeOptions, Query, Record,
-    Tensor,
+    Chart, Domain, Encoding, FlowGuide, FlowOptions, Grid, Guide, Learn, LobeGuide, LobeOptions, Query,
+    Record, Tensor,
 };
 use photofit_sampling::{Rng, uniform_sphere, uniform_sphere_pdf};
 use photofit_scalar::{Vec3f, vec3};
@@ -15,10 +15,11 @@ use crate::timing;
 
 /// Vertices of a timed pass.
 const VERTICES: usize = 1 << 10;
-/// The features of positions beside the default ones.
-const TENSOR: Encoding = Encoding::Tensor(Tensor { nodes: 50 });
 /// The density is asked for in this direction.
 const DIRECTION: Vec3f = vec3(0.6, 0.0, 0.8);
+
+/// Inputs of a network beside the features of a place: what it knows of directions, and the coordinate that is kept.
+const OTHERS: usize = 7 + 7;
 
 pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
@@ -28,7 +29,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
         let rational = FlowOptions { family: Family::Rational, bins: 10, ..plain };
         for (name, options) in [
             ("flow, 15 bins", plain),
-            ("flow, planes and lines", FlowOptions { encoding: TENSOR, ..plain }),
+            ("flow, hash grid", FlowOptions { encoding: Encoding::Hash(Grid::default()), ..plain }),
             ("flow, 31 bins", FlowOptions { bins: 31, ..plain }),
             ("flow, rational, 10 bins", rational),
         ] {
@@ -40,7 +41,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
         ctx.note(format!(
             "One thread, {VERTICES} vertices at random places; weights of the flow are random, lobes learned of a near lamp. \"Sample\" and \"density\" include \
              the features of the vertex, \"at a vertex\" leaves them out, \"among all\" too and answers for all vertices together. A sample or a density needs the network, a spline \
-             and its use twice, the grid and the chart once."
+             and its use twice, the features of the place and the chart once."
         ));
         Ok(())
     })
@@ -115,7 +116,10 @@ fn parts(ctx: &mut Context, options: FlowOptions) {
     let mut random =
         |n: usize, spread: f32| -> Vec<f32> { (0..n).map(|_| rng.uniform(-spread, spread)).collect() };
     let at = vertices();
-    for (name, encoding) in [("hash grid", options.encoding), ("planes and lines", TENSOR)] {
+    for (name, encoding) in [
+        ("hash grid", Encoding::Hash(Grid::default())),
+        ("planes and lines", Encoding::Tensor(Tensor::default())),
+    ] {
         let table = random(encoding.len(), 1.0);
         let mut features = vec![0.0; encoding.features()];
         each(ctx, "parts", name, || {
@@ -127,8 +131,9 @@ fn parts(ctx: &mut Context, options: FlowOptions) {
         });
     }
     let logits = options.family.logits(options.bins);
-    let network = Network { inputs: 30, outputs: logits.next_multiple_of(photofit_flow::network::LANES) };
-    let (weights, input) = (random(network.len(), 0.2), random(30 + VERTICES, 1.0));
+    let inputs = options.encoding.features() + OTHERS;
+    let network = Network { inputs, outputs: logits.next_multiple_of(photofit_flow::network::LANES) };
+    let (weights, input) = (random(network.len(), 0.2), random(inputs + VERTICES, 1.0));
     let (mut hidden, mut outputs) = (Hidden::default(), vec![0.0; network.outputs]);
     each(ctx, "parts", "network", || {
         let sums = (0..VERTICES).map(|i| {

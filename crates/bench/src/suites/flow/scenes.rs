@@ -5,6 +5,7 @@ use glam::{DVec3, Vec3};
 use photofit_geometry::shapes;
 use photofit_image::Image;
 use photofit_pathtrace::{EnvironmentMap, LightSource, Material, Parts, Shape, View, World};
+use photofit_sampling::Rng;
 use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::Camera;
 use photofit_shading::Surface;
@@ -20,6 +21,7 @@ pub(super) fn indirect() -> Result<Vec<Case>> {
         ("hall under a shelf".into(), hall()?, into_the_hall()),
         ("lamp behind a door".into(), door()?, beside_the_door()),
         ("lamp round a corner".into(), corridor()?, into_the_corridor()),
+        ("room full of stones".into(), stones()?, inside()),
     ])
 }
 
@@ -74,6 +76,20 @@ fn rooms() -> Result<World> {
 fn glossy_rooms() -> Result<World> {
     let mut parts = two_rooms();
     parts.add(Shape::Sphere { center: vec3(0.6, 0.25, -0.1), radius: 0.25 }, metal(0.3));
+    Ok(World::new(parts)?)
+}
+
+/// The room with a heap of rough stones in it, 768,000 triangles: paths cost what they cost in scenes with detail.
+fn stones() -> Result<World> {
+    let mut parts = two_rooms();
+    let mut rng = Rng::new(5, 0);
+    for seed in 0..24 {
+        let center = vec3(rng.uniform(-0.6, 0.9), rng.uniform(0.05, 0.35), rng.uniform(-0.4, 0.2));
+        let radius = rng.uniform(0.07, 0.14);
+        let mut stone = shapes::displaced_sphere(40, 0.3, 6, seed);
+        stone.positions.iter_mut().for_each(|p| *p = center + *p * radius);
+        parts.add(Shape::Mesh(stone), grey(0.5));
+    }
     Ok(World::new(parts)?)
 }
 
