@@ -188,7 +188,7 @@ fn values_that_do_not_count_are_told_as_such() {
     for (roughness, told) in [(0.01, true), (0.2, false)] {
         let mut scene = rock(4, false);
         scene.materials[0].roughness = roughness;
-        photofit_scene::save_glb(&d.join("rock.glb"), &scene).unwrap();
+        photofit_scene::save_glb(d.join("rock.glb"), &scene).unwrap();
         let key = format!("{}.roughness", scene.materials[0].name);
         let common = ["gradient", "rock.glb", "--parameter", &key, "--env", "sky.png"];
         let out = succeeds(d, &[&common[..], &["--width", "16", "--height", "16", "--spp", "16"]].concat());
