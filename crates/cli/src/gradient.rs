@@ -116,23 +116,20 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
     Ok(Ending::Done)
 }
 
-/// Why pictures do not depend on a parameter whose values are all beyond those that count.
+/// Why pictures do not depend on a parameter of one channel whose values are all beyond those that count.
 fn beyond(world: &World, key: &Key) -> Option<String> {
-    let values = world.parameter(&key.parameter).ok()?;
-    let held = values.len() / (key.shape.iter().product::<usize>() / key.shape[3]).max(1);
-    let ranges = world.effective_range(&key.parameter).into_iter().take(held).enumerate();
-    let mut reasons = ranges.filter_map(|(c, [low, high])| {
-        let all = |is: &dyn Fn(f32) -> bool| values.iter().skip(c).step_by(held).all(|v| is(*v));
-        let (side, bound) = if all(&|v| v < low) {
-            ("below", low)
-        } else if all(&|v| v > high) {
-            ("above", high)
-        } else {
-            return None;
-        };
-        Some(format!("all values are {side} {bound:.3}, beyond which pictures do not depend on them"))
-    });
-    reasons.next()
+    let values = world.parameter(&key.parameter).ok().filter(|_| key.shape[3] == 1)?;
+    let held = values.len() / key.shape.iter().product::<usize>().max(1);
+    let [[low, high], ..] = world.effective_range(&key.parameter);
+    let all = |is: &dyn Fn(f32) -> bool| values.iter().step_by(held.max(1)).all(|v| is(*v));
+    let (side, bound) = if all(&|v| v < low) {
+        ("below", low)
+    } else if all(&|v| v > high) {
+        ("above", high)
+    } else {
+        return None;
+    };
+    Some(format!("all values are {side} {bound:.3}, beyond which pictures do not depend on them"))
 }
 
 /// What values of 0 become, so that paths find the light that comes by them.

@@ -16,7 +16,7 @@ pub(crate) struct Gradient {
     #[arg(long, value_name = "KEY", required_unless_present = "list")]
     pub(crate) parameter: Option<String>,
     /// Print the keys that have derivatives, each with its shape, and do nothing else. Single colours and lights that are 0 have
-    /// none there (media aside), but `photofit recover scene` finds them.
+    /// none here (media aside), but `photofit recover scene` finds them. Factors of 0 whose map is not read have none in either.
     #[arg(long, conflicts_with_all = ["parameter", "weights", "json", "image"])]
     pub(crate) list: bool,
     /// The weights W: an image of the size of the picture, linear [default: 1 everywhere].

@@ -28,13 +28,17 @@ pub(crate) struct Key {
     /// Its value is 0, where it has no derivative: it has to be lifted first.
     pub(crate) dark: bool,
     /// Why it cannot be told what it changes, where it cannot.
-    pub(crate) idle: Option<String>,
+    pub(crate) idle: Option<&'static str>,
 }
 
 impl Key {
     /// What lists add to the name of a parameter that has no derivative now.
     pub(crate) fn zero(&self) -> &'static str {
-        if self.dark || self.idle.is_some() { " (0 in this scene)" } else { "" }
+        match self {
+            Self { idle: Some(_), .. } => " (0 in this scene, so that its map is not read)",
+            Self { dark: true, .. } => " (0 in this scene)",
+            _ => "",
+        }
     }
 }
 
@@ -327,17 +331,19 @@ pub(super) fn of_asset(scene: &Scene, parts: &Parts) -> Vec<Key> {
                 _ => false,
             };
             let key = keys.value(format!("{name}.{value}"), i, which, dark);
-            let hides = match which {
-                MaterialValue::Emissive if black && m.emissive_texture.is_some() => "is 0",
+            let rule = match which {
+                MaterialValue::Emissive if black && m.emissive_texture.is_some() => {
+                    "is 0, so that its map is not read; it must be more than 0"
+                }
                 MaterialValue::Roughness | MaterialValue::Metallic
                     if m.roughness == 0.0 && m.metallic == 0.0 && m.metallic_roughness_texture.is_some() =>
                 {
-                    "is 0, as is the other factor of its map"
+                    "is 0 and so is the other factor of its map, which is not read; one of them must be more than 0"
                 }
                 _ => continue,
             };
             if !m.unlit {
-                keys.list[key].idle = Some(format!("{hides}, so that the map is not read"));
+                keys.list[key].idle = Some(rule);
             }
         }
         let maps = [

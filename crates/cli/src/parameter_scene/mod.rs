@@ -62,7 +62,7 @@ impl Subject {
         if let Some(key) = keys.iter().find(|k| k.name == name) {
             return match &key.idle {
                 None => Ok(key),
-                Some(rule) => bail!("{file}: {name}: {rule}; it must be more than 0"),
+                Some(rule) => bail!("{file}: {name}: {rule}"),
             };
         }
         let thrown =
