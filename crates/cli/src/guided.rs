@@ -25,11 +25,12 @@ impl From<RenderGuiding> for Guiding {
 
 /// How a guide is trained for this picture, if it does not go on.
 pub(crate) fn training(a: &Render, picture: &RenderOptions) -> GuidingOptions {
-    let own = match a.path.noise.is_some() && a.path.time_limit.is_none() {
+    let spp = match a.path.noise.is_some() && a.path.time_limit.is_none() {
         // Nobody knows how many samples it takes.
-        true => GuidingOptions::new(guiding(a)),
-        false => GuidingOptions::for_picture(guiding(a), picture),
+        true => picture.spp.min(SPP),
+        false => picture.spp,
     };
+    let own = GuidingOptions::for_picture(guiding(a), &RenderOptions { spp, ..picture.clone() });
     let limit = a.path.time_limit.map(|limit| limit.mul_f64(TRAINING_SHARE));
     GuidingOptions { limit, least_gain: a.path.least_gain.unwrap_or(own.least_gain), ..own }
 }
@@ -44,7 +45,6 @@ pub(crate) fn trainings(a: &Render, picture: &RenderOptions) -> Vec<Option<Guidi
     let of_samples =
         |spp| GuidingOptions::for_picture(own.guiding, &RenderOptions { spp, ..picture.clone() }).records;
     let mut records = [picture.spp, SPP, SPP_MAX].map(of_samples).to_vec();
-    records.push(GuidingOptions::new(own.guiding).records);
     records.sort_unstable();
     records.dedup();
     let trained = records.into_iter().flat_map(|records| {
@@ -96,6 +96,9 @@ mod tests {
                 }
                 assert!(known.contains(&None));
             }
+            let sized = |end: &[&str]| training(&one(end), &options(&one(end), Vec::new()));
+            assert_eq!(sized(&["--noise", "0.1"]), sized(&[]), "{guide}: of unknown length");
+            assert_ne!(sized(&["--noise", "0.1"]), sized(&["--spp", "4096"]));
             let other = one(&["--least-gain", "2"]);
             let own = training(&one(&[]), &options(&one(&[]), Vec::new()));
             assert!(!trainings(&other, &options(&other, Vec::new())).contains(&Some(own)), "another gain");

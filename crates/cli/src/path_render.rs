@@ -31,6 +31,8 @@ pub(crate) const SPP: u32 = 64;
 const DEPTH: u32 = 16;
 /// Time between two saved states.
 const SAVE_EVERY: Duration = Duration::from_secs(20);
+/// Least of these, in which samples are made.
+const SAVE_LEAST: Duration = Duration::from_millis(10);
 /// Largest state of another picture that is read, bytes.
 const OTHER_STATE: u64 = 1 << 30;
 /// Why nothing was written.
@@ -422,7 +424,7 @@ fn work(
         output::name_suite(SUITE)?;
     }
     let mut saved = Instant::now();
-    let every = a.path.save_every.unwrap_or(SAVE_EVERY);
+    let every = a.path.save_every.unwrap_or(SAVE_EVERY).max(SAVE_LEAST);
     loop {
         let due = || saved.elapsed() >= every;
         let progress = guidance.pass(renderer, || terminal.is_cancelled() || over() || due());

@@ -1,11 +1,11 @@
 //! `photofit recover material`: the materials of a mesh and the light around it from pictures with cameras.
 
-use crate::args::RecoverMaterial;
+use crate::args::{RecoverMaterial, RenderGuiding};
 use crate::fields::{RECOVER_MATERIAL, explain_error};
 use crate::output::{self, Results};
 use crate::preflight::Places;
 use crate::progress::{Terminal, say_warnings};
-use crate::status::Ending;
+use crate::status::{Ending, Misuse};
 use crate::traced_report::{Found, course, first_and_best, judged, sheet, tell_course};
 use crate::{interrupt, memory, threads};
 use anyhow::{Context, Result, anyhow, bail};
@@ -45,6 +45,9 @@ pub(crate) fn run(a: &RecoverMaterial) -> Result<Ending> {
         .fills("--output", Some(&a.output), &FILES)
         .fills("--checkpoint", a.course.running.checkpoint.as_deref(), &checkpoints);
     places.check()?;
+    if a.rounds < 2 && !matches!(a.guiding, RenderGuiding::Off) {
+        bail!(Misuse("--guiding: the first round has no guide; --rounds must be at least 2".into()));
+    }
     if let Some(pictures) = &a.pictures {
         places.check_against("PICTURES", &named_files(pictures))?;
     }

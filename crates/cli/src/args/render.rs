@@ -218,7 +218,7 @@ pub(crate) struct PathArgs {
     /// Go on from the state that an interrupted render left beside the output, to the same bits.
     #[arg(long)]
     pub(crate) resume: bool,
-    /// Seconds between two saved states [range: more than 0, at most 1000000000] [default: 20].
+    /// Seconds between two saved states, at least 0.01 [range: more than 0, at most 1000000000] [default: 20].
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub(crate) save_every: Option<Duration>,
     /// Most scattering events of a path: 0 shows what glows, 1 direct light [range: 0 to 1000000] [default: 16, or what

@@ -150,6 +150,9 @@ fn what_cannot_be_used_is_refused_in_one_line() {
         let o = photofit(d, &[&["recover", "material", "-o", "out"], wrong].concat());
         assert_eq!(o.status.code(), Some(2), "{wrong:?}: {}", stderr(&o));
     }
+    let unused = ["recover", "material", "--self-test", "rock.glb", "-o", "out", "--guiding", "lobes"];
+    let o = photofit(d, &[&unused[..], &["--rounds", "1"]].concat());
+    assert_misuse(&o, "a guide that is never asked", &["--guiding", "--rounds", "at least 2"]);
     let o = run(&["--env", "out/environment.exr"]);
     assert_misuse(&o, "the environment is not written over", &["--output", "--env", "another file"]);
 }
