@@ -119,9 +119,9 @@ pub(crate) fn run(a: &Gradient) -> Result<Ending> {
 /// Why pictures do not depend on a parameter of one channel whose values are all beyond those that count.
 fn beyond(world: &World, key: &Key) -> Option<String> {
     let values = world.parameter(&key.parameter).ok().filter(|_| key.shape[3] == 1)?;
-    let held = values.len() / key.shape.iter().product::<usize>().max(1);
+    let held = per_cell(&values, key);
     let [[low, high], ..] = world.effective_range(&key.parameter);
-    let all = |is: &dyn Fn(f32) -> bool| values.iter().step_by(held.max(1)).all(|v| is(*v));
+    let all = |is: &dyn Fn(f32) -> bool| values.iter().step_by(held).all(|v| is(*v));
     let (side, bound) = if all(&|v| v < low) {
         ("below", low)
     } else if all(&|v| v > high) {
@@ -130,6 +130,12 @@ fn beyond(world: &World, key: &Key) -> Option<String> {
         return None;
     };
     Some(format!("all values are {side} {bound:.3}, beyond which pictures do not depend on them"))
+}
+
+/// Numbers that a world holds for each cell of a key, which may be more than its channels.
+fn per_cell(values: &[f32], key: &Key) -> usize {
+    let [slices, rows, columns, _] = key.shape;
+    (values.len() / (slices * rows * columns).max(1)).max(1)
 }
 
 /// What values of 0 become, so that paths find the light that comes by them.
@@ -154,13 +160,13 @@ fn lift(world: &mut World, key: &Key) -> Result<Option<(usize, Lift)>, Pathtrace
     };
     let mut values = world.parameter(&key.parameter)?;
     let channels = key.shape[3];
-    let held = values.len() / (key.shape.iter().product::<usize>() / channels).max(1);
+    let held = per_cell(&values, key);
     let to = match lift {
         Lift::Faint => FAINT,
         Lift::Linear => mean(&values),
     };
     let mut zeros = 0;
-    for cell in values.chunks_exact_mut(held.max(1)) {
+    for cell in values.chunks_exact_mut(held) {
         if matches!(lift, Lift::Faint) || cell.iter().all(|v| *v == 0.0) {
             zeros += cell[..channels].iter().filter(|v| **v == 0.0).count();
             cell.iter_mut().filter(|v| **v == 0.0).for_each(|v| *v = to);
