@@ -2,8 +2,9 @@
 
 use crate::args::{Render, RenderGuiding};
 use crate::path_render::{SPP, SPP_MAX};
-use photofit_fit::guiding::{Guiding, GuidingOptions};
+use photofit_fit::guiding::{Guiding, GuidingOptions, GuidingReport};
 use photofit_pathtrace::RenderOptions;
+use serde_json::{Value, json};
 
 /// Share of the time limit that a guide may train.
 pub(crate) const TRAINING_SHARE: f64 = 0.3;
@@ -55,6 +56,24 @@ pub(crate) fn trainings(a: &Render, picture: &RenderOptions) -> Vec<Option<Guidi
         })
     });
     trained.map(Some).chain([None]).collect()
+}
+
+/// What training came to, as JSON.
+pub(crate) fn figures(report: &GuidingReport) -> Value {
+    let finite = |v: f64| v.is_finite().then_some(v);
+    json!({
+        "used": report.used,
+        "found_light": report.found,
+        "gain": finite(report.gain),
+        "least_gain": report.least_gain,
+        "variance_ratio": finite(report.variance_ratio),
+        "work_ratio": finite(report.work_ratio),
+        "side": report.side,
+        "rounds": report.rounds,
+        "paths": report.paths,
+        "records": report.records,
+        "told": report.sentence(),
+    })
 }
 
 #[cfg(test)]

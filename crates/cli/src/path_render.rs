@@ -1,7 +1,7 @@
 //! `photofit render --integrator path`: one picture of an asset with all its light.
 
 use crate::args::{Render, RenderLight};
-use crate::guided::{TRAINING_SHARE, guiding, training, trainings};
+use crate::guided::{self, TRAINING_SHARE, guiding, training, trainings};
 use crate::light::MEAN;
 use crate::output::{self, print};
 use crate::preflight::Places;
@@ -64,12 +64,12 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, view: &View, key: &
         print(&format!("path tracing\n{}", renderer.plan()))?;
         output::name_suite(SUITE)?;
     }
-    let mut keeper = Keeper { file: &state, key: None, scene: key, refusal: String::new(), kept: false };
+    let mut keeper = Keeper { file: &state, scene: key, guide: None, refusal: String::new(), kept: false };
     let mut earlier = None;
     if a.path.resume {
         let trainings = trainings(a, renderer.options());
-        let keys: Vec<String> = trainings.iter().map(|t| keeper.key_of(a, t.as_ref())).collect();
-        earlier = resume(&mut renderer, &state, &keys)?.map(|i| trainings[i]);
+        let guides: Vec<String> = trainings.iter().map(|t| guide_key(a, t.as_ref())).collect();
+        earlier = resume(&mut renderer, &state, key, &guides)?.map(|i| trainings[i]);
         keeper.kept = earlier.is_some();
     } else if let Some(kept) = photofit_image::set_aside(&state)? {
         say(&format!("an earlier render was not finished; its state is kept as {}", kept.display()));
@@ -105,9 +105,12 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, view: &View, key: &
     if finished && !a.is_mitsuba() {
         render::warn_unseen(&a.input, &renderer.picture());
     }
-    let left_out = renderer.progress().not_finite;
-    if left_out > 0 {
-        say(&not_finite_told(left_out));
+    if progress.not_finite > 0 {
+        say(&not_finite_told(progress.not_finite));
+    }
+    if progress.unsampled > 0 {
+        let pixels = u64::from(a.width()) * u64::from(a.height());
+        say(&format!("{} of {pixels} pixels have no sample: the render ended too early", progress.unsampled));
     }
     let stopped = !finished && interrupt::is_stopping();
     Ok(if stopped { Ending::Stopped } else { Ending::Done })
@@ -125,23 +128,9 @@ fn figures(
     let progress = renderer.progress();
     let variance = renderer.sample_variance();
     let variance = variance.data.iter().map(|v| f64::from(*v)).sum::<f64>() / variance.data.len() as f64;
-    let guide = guidance.report().map(|r| {
-        let finite = |v: f64| v.is_finite().then_some(v);
-        json!({
-            "used": r.used,
-            "found_light": r.found,
-            "gain": finite(r.gain),
-            "variance_ratio": finite(r.variance_ratio),
-            "work_ratio": finite(r.work_ratio),
-            "side": r.side,
-            "rounds": r.rounds,
-            "paths": r.paths,
-            "records": r.records,
-        })
-    });
     json!({
         "guiding": guiding(a).name(),
-        "guide": guide,
+        "guide": guidance.report().map(guided::figures),
         "training_seconds": guidance.seconds(),
         "samples": progress.samples,
         "variance": variance.is_finite().then_some(variance),
@@ -155,6 +144,7 @@ fn figures(
         "max_depth": a.path.max_depth.unwrap_or(DEPTH),
         "seed": a.path.seed.unwrap_or(0),
         "not_finite": progress.not_finite,
+        "unsampled": progress.unsampled,
         "finished": finished,
         "seconds": began.elapsed().as_secs_f64(),
         "threads": a.threads.map_or_else(rayon::current_num_threads, usize::from),
@@ -293,22 +283,21 @@ pub(crate) fn state_file(output: &Path) -> PathBuf {
     output.with_file_name(name)
 }
 
-/// Goes on from a state, if there is one; which of the keys is its own.
-fn resume(renderer: &mut Renderer<'_>, state: &Path, keys: &[String]) -> Result<Option<usize>> {
+/// Goes on from a state of the scene, if there is one; which of the guides is its own.
+fn resume(
+    renderer: &mut Renderer<'_>,
+    state: &Path,
+    scene: &str,
+    guides: &[String],
+) -> Result<Option<usize>> {
     if !state.try_exists().with_context(|| state.display().to_string())? {
         say(&format!("{}: no saved state, the render begins anew", state.display()));
         return Ok(None);
     }
     // One of this picture has as many bytes as it has now; that of another one is read, so that what differs is told.
-    let most = (renderer.save("").len() as u64).max(OTHER_STATE);
+    let most = (renderer.state_bytes() as u64).max(OTHER_STATE);
     let bytes = photofit_image::file_bytes(state, most)?;
-    let mut refusals = Vec::new();
-    let fits = |key: &String| renderer.resume(key, &bytes).map_err(|e| refusals.push(e.to_string())).is_ok();
-    let found = keys.iter().position(fits);
-    // That of the key which comes closest names the fewest differences.
-    if let (None, Some(e)) = (found, refusals.iter().min_by_key(|e| e.len())) {
-        bail!("{}: {e}", state.display());
-    }
+    let found = renderer.resume(scene, guides, &bytes).map_err(|e| anyhow!("{}: {e}", state.display()))?;
     let Progress { samples, total, .. } = renderer.progress();
     say(&match samples {
         more if more > total => {
@@ -316,7 +305,16 @@ fn resume(renderer: &mut Renderer<'_>, state: &Path, keys: &[String]) -> Result<
         }
         _ => format!("resuming at {samples} of {}", output::counted(total as usize, "sample")),
     });
-    Ok(found)
+    Ok(Some(found))
+}
+
+/// How directions are chosen: a guide changes the paths, so that a state belongs to renders whose guide is trained in the same way.
+fn guide_key(a: &Render, training: Option<&GuidingOptions>) -> String {
+    match (guiding(a), training) {
+        (Guiding::Off, _) => String::new(),
+        (guide, None) => format!("{}: given up", guide.name()),
+        (_, Some(training)) => format!("{training:?}"),
+    }
 }
 
 /// The state of a render on its way to a file. A disk that refuses it does not end the render: the user is told, and the
@@ -325,8 +323,8 @@ struct Keeper<'a> {
     file: &'a Path,
     /// What the scene is called.
     scene: &'a str,
-    /// Names the scene and how the guide was trained, once that is known.
-    key: Option<String>,
+    /// How the guide was trained, once that is known.
+    guide: Option<String>,
     /// Why the last state is not there, as it was told; empty when it is.
     refusal: String,
     /// Whether the file holds a state that this render can go on from.
@@ -334,19 +332,11 @@ struct Keeper<'a> {
 }
 
 impl Keeper<'_> {
-    /// A guide changes the paths: a state belongs to renders whose guide is trained in the same way.
-    fn key_of(&self, a: &Render, training: Option<&GuidingOptions>) -> String {
-        match (guiding(a), training) {
-            (Guiding::Off, _) => self.scene.to_owned(),
-            (guide, None) => format!("{}|guiding {}: given up", self.scene, guide.name()),
-            (_, Some(training)) => format!("{}|{training:?}", self.scene),
-        }
-    }
-
     fn save(&mut self, terminal: &Terminal, renderer: &Renderer<'_>) {
         // Before the first sample there is nothing to keep.
-        let Some(key) = self.key.as_deref().filter(|_| renderer.progress().samples > 0) else { return };
-        let refusal = match photofit_image::write_atomically(self.file, &renderer.save(key)) {
+        let Some(guide) = self.guide.as_deref().filter(|_| renderer.progress().samples > 0) else { return };
+        let state = renderer.save(self.scene, guide);
+        let refusal = match photofit_image::write_atomically(self.file, &state) {
             Ok(()) => {
                 (self.kept, self.refusal) = (true, String::new());
                 return;
@@ -393,6 +383,7 @@ fn work(
     match guidance.report() {
         Some(report) => say(&report.sentence()),
         None if guiding(a) == Guiding::Off => {}
+        None if guidance.has_diverged() => say("guiding is off: what it learned are no numbers any more"),
         None if terminal.is_cancelled() => {
             terminal.finish();
             say("stopped while the guide learned; --resume begins that anew");
@@ -412,7 +403,7 @@ fn work(
         )),
     }
     let trained = options.zip(guidance.report()).map(|(options, r)| options.as_trained(r));
-    keeper.key = Some(keeper.key_of(a, trained.as_ref()));
+    keeper.guide = Some(guide_key(a, trained.as_ref()));
     if a.path.explain && guiding(a) != Guiding::Off {
         if guidance.report().is_some() {
             print(&format!("paths that a guide learns from\n{}", renderer.sampled_plan()))?;
@@ -423,6 +414,8 @@ fn work(
         }
         output::name_suite(SUITE)?;
     }
+    // Its time is counted from here.
+    report(&terminal, a, &renderer.progress(), began);
     let mut saved = Instant::now();
     let every = a.path.save_every.unwrap_or(SAVE_EVERY).max(SAVE_LEAST);
     loop {

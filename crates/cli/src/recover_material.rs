@@ -7,12 +7,11 @@ use crate::preflight::Places;
 use crate::progress::{Terminal, say_warnings};
 use crate::status::{Ending, Misuse};
 use crate::traced_report::{Found, course, first_and_best, judged, sheet, tell_course};
-use crate::{interrupt, memory, threads};
+use crate::{guided, interrupt, memory, threads};
 use anyhow::{Context, Result, anyhow, bail};
 use photofit_fit::FitError;
 use photofit_fit::engine::chain::checkpoint_files;
 use photofit_fit::footprint::Task;
-use photofit_fit::guiding::GuidingReport;
 use photofit_fit::pictures::{named_files, world_pictures};
 use photofit_fit::recover_material::{
     KnownMaterial, MaterialErrors, RecoverMaterialOptions, RecoveredMaterial, around, first_sky, guiding,
@@ -209,12 +208,6 @@ fn figures(
     let path = |p: &Option<std::path::PathBuf>| p.as_ref().map(|p| p.display().to_string());
     let [first, best] = first_and_best(&r.history);
     let finite = |v: f64| v.is_finite().then_some(v);
-    let guide = |g: &GuidingReport| {
-        json!({
-            "used": g.used, "gain": finite(g.gain), "variance_ratio": finite(g.variance_ratio),
-            "work_ratio": finite(g.work_ratio), "paths": g.paths, "records": g.records,
-        })
-    };
     let known = |e: &MaterialErrors| {
         json!({
             "albedo": e.albedo, "scaled_albedo": e.scaled_albedo, "albedo_scale": e.albedo_scale,
@@ -229,7 +222,7 @@ fn figures(
         "self_test": path(&a.self_test),
         "unwrapped": r.unwrapped,
         "environment": [r.environment.width, r.environment.height],
-        "guiding": r.guides.iter().map(guide).collect::<Vec<_>>(),
+        "guiding": r.guides.iter().map(guided::figures).collect::<Vec<_>>(),
         "errors": errors.map(known),
         "held_out": r.held_out,
         "steps": r.steps,

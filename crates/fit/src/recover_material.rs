@@ -185,6 +185,10 @@ pub fn recover_material(
                     return Err(FitError::Interrupted);
                 }
                 guide = model.guidance.report().cloned();
+                if model.guidance.has_diverged() {
+                    let round = round + 1;
+                    progress.warn(&format!("round {round} has no guide: what it learned are no numbers"));
+                }
             }
             let own = RecoverSceneOptions {
                 steps: end - done,

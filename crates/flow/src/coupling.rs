@@ -49,7 +49,8 @@ struct Saved<T> {
 }
 
 impl Couplings {
-    fn network(&self) -> Network {
+    /// The network of each layer.
+    pub fn network(&self) -> Network {
         Network {
             inputs: self.condition + KEPT,
             outputs: self.family.logits(self.bins).next_multiple_of(LANES),

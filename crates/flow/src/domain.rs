@@ -25,6 +25,11 @@ pub enum Domain {
 /// The smallest width of GGX that [`Domain::Visible`] works with.
 const ALPHA_MIN: f32 = 1e-3;
 
+/// The normal at which frames have no limit: hardly a surface faces it.
+const SINGULAR: Vec3f = vec3(0.36, -0.8, -0.48);
+/// Axes across it, right-handed with its opposite.
+const ACROSS: [Vec3f; 2] = [vec3(-0.48, -0.6, 0.64), vec3(0.8, 0.0, 0.6)];
+
 /// The frame of a vertex and what maps need of it.
 #[derive(Clone, Copy, Debug)]
 pub struct Chart {
@@ -39,7 +44,8 @@ impl Chart {
     /// The chart of a vertex; `alpha` is the width of GGX.
     ///
     /// The frame turns with the normal alone for [`Domain::Hemisphere`], not at all for [`Domain::Sphere`], and has the
-    /// viewer in its xz plane for the others: their density then changes continuously with the normal.
+    /// viewer in its xz plane for the others: densities then change continuously with the normal (but at [`SINGULAR`] or
+    /// for a viewer there, where no frame can).
     #[inline]
     pub fn new(domain: Domain, normal: Vec3f, wo: Vec3f, alpha: f32) -> Self {
         let facing = if normal.dot(wo) < 0.0 { -normal } else { normal };
@@ -170,8 +176,17 @@ fn half_vector_density(cosine: f32, sin: f32) -> f32 {
     1.0 / (4.0 * PI * PI * cosine * sin.max(1e-7))
 }
 
+/// A frame for a normal: those of neighbouring normals are near each other, but around [`SINGULAR`]. (A frame whose sign
+/// depends on that of a coordinate turns over within walls.)
 fn with_pair(n: Vec3f) -> [Vec3f; 3] {
-    let (s, t) = n.orthonormal_pair();
+    let below = 1.0 - n.dot(SINGULAR);
+    if below < 1e-3 {
+        let (s, t) = n.orthonormal_pair();
+        return [s, t, n];
+    }
+    // The axes of the opposite direction, turned along the great circle to the normal.
+    let sum = n - SINGULAR;
+    let [s, t] = ACROSS.map(|a| (a - sum * (a.dot(n) / below)).normalize_or_zero());
     [s, t, n]
 }
 
@@ -190,6 +205,32 @@ mod tests {
                 Chart::new(domain, n, n * theta.cos() + s * theta.sin(), alpha)
             },
         )
+    }
+
+    #[test]
+    fn frames_change_continuously_with_the_normal() {
+        let mut rng = Rng::new(4, 0);
+        for domain in DOMAINS {
+            for i in 0..4000 {
+                let mut unit = || photofit_sampling::uniform_sphere([rng.next_f32(), rng.next_f32()]);
+                // Among others normals around a wall along an axis, and floors.
+                let n: Vec3f = match i % 4 {
+                    0 => vec3(1.0, 0.0, 0.0),
+                    1 => vec3(0.0, 0.0, -1.0),
+                    2 => vec3(0.6, 0.8, 0.0),
+                    _ => unit(),
+                };
+                let (turned, wo): (Vec3f, Vec3f) = ((n + unit() * 1e-3).normalize_or_zero(), unit());
+                if n.dot(wo).abs() < 0.1 || n.cross(wo).length() < 0.1 || n.dot(SINGULAR).abs() > 0.9 {
+                    continue;
+                }
+                let [a, b] = [n, turned].map(|n| Chart::new(domain, n, wo, 0.5).axes);
+                for k in 0..3 {
+                    assert!((a[k] - b[k]).length() < 0.05, "{domain:?}, {n:?}: {a:?} and {b:?}");
+                }
+                assert!((a[0].cross(a[1]) - a[2]).length() < 1e-5, "{domain:?}, {n:?}: {a:?}");
+            }
+        }
     }
 
     #[test]

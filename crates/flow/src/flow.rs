@@ -40,8 +40,6 @@ pub struct FlowOptions {
     pub rates: [f32; 2],
     /// Records of a step.
     pub batch: usize,
-    /// Steps after which the copy that answers is replaced.
-    pub refresh: u32,
     /// Times that [`Learn::learn`] goes through its records.
     pub passes: u32,
     /// Seed of the weights and of the order of records.
@@ -61,17 +59,24 @@ impl Default for FlowOptions {
             directional: true,
             rates: [5e-3, 2e-2],
             batch: 256,
-            refresh: 1000,
             passes: 1,
             seed: 0,
         }
     }
 }
 
+impl FlowOptions {
+    /// The coupling layers of such a flow.
+    pub fn couplings(&self) -> Couplings {
+        let condition = self.encoding.features() + DIRECTIONS;
+        Couplings { layers: self.layers, bins: self.bins, family: self.family, condition }
+    }
+}
+
 /// A normalizing flow over directions, conditioned on position, normal, viewer and roughness.
 ///
-/// Two copies of the parameters: training moves one, answers come from the other, which is replaced every
-/// [`FlowOptions::refresh`] steps and at the end of [`Learn::learn`].
+/// Two copies of the parameters: training moves one, answers come from the other, which is replaced at the end of
+/// [`Learn::learn`].
 #[derive(Debug)]
 pub struct FlowGuide {
     options: FlowOptions,
@@ -117,14 +122,11 @@ impl FlowGuide {
     /// [`FlowError::Setting`] for options outside their ranges.
     pub fn new(lo: Vec3f, hi: Vec3f, options: FlowOptions) -> Result<Self, FlowError> {
         options.encoding.check()?;
-        let condition = options.encoding.features() + DIRECTIONS;
-        let couplings =
-            Couplings { layers: options.layers, bins: options.bins, family: options.family, condition };
+        let couplings = options.couplings();
         let rules = [
             ("number of bins", options.bins as f64, "1 to 31", (1..=31).contains(&options.bins)),
             ("number of layers", options.layers as f64, "1 to 4", couplings.is_valid()),
             ("records of a step", options.batch as f64, "at least 1", options.batch >= 1),
-            ("steps of a refresh", f64::from(options.refresh), "at least 1", options.refresh >= 1),
         ];
         if let Some((setting, value, rule, _)) = rules.into_iter().find(|r| !r.3) {
             return Err(FlowError::Setting { setting, value, rule });

@@ -91,6 +91,8 @@ pub struct Progress {
     pub noise: f64,
     /// Contributions that were left out so far because they were not finite: a sign of a faulty scene.
     pub not_finite: u64,
+    /// Pixels without a sample so far.
+    pub unsampled: u64,
     /// Nothing is left to do.
     pub done: bool,
 }
@@ -330,9 +332,10 @@ impl<'a> Renderer<'a> {
     pub fn progress(&self) -> Progress {
         let pixels = (self.options.width * self.options.height) as u64;
         let floor = DARKNESS * self.film.mean_luminance();
-        let (mut sum, mut weight) = (0.0, 0.0);
+        let (mut sum, mut weight, mut unsampled) = (0.0, 0.0, 0);
         for tile in &self.film.tiles {
             let n = (tile.width * tile.height) as f64;
+            unsampled += if tile.count == 0 { tile.width * tile.height } else { 0 };
             sum += n * self.film.tile_error(tile, floor).powi(2);
             weight += n;
         }
@@ -341,6 +344,7 @@ impl<'a> Renderer<'a> {
             total: pixels * u64::from(self.options.spp),
             noise: (sum / weight).sqrt(),
             not_finite: self.film.not_finite(),
+            unsampled: unsampled as u64,
             done: self.film.tiles.iter().all(|t| !t.active),
         }
     }
@@ -360,30 +364,43 @@ impl<'a> Renderer<'a> {
         self.options.aovs.contains(&aov).then(|| self.film.aov(aov)).flatten()
     }
 
-    /// Everything that is needed to go on later; `scene` names what is rendered.
-    pub fn save(&self, scene: &str) -> Vec<u8> {
-        self.film.to_bytes(&self.keys(scene))
+    /// Everything that is needed to go on later; `scene` names what is rendered, and `guide` what chooses directions
+    /// (empty for [`Self::pass`]).
+    pub fn save(&self, scene: &str, guide: &str) -> Vec<u8> {
+        self.film.to_bytes(&[&self.keys(scene)[..], &[guide_key(guide)]].concat())
     }
 
-    /// Goes on from what [`Self::save`] returned, to the same bits as a render that was never stopped.
+    /// Bytes that [`Self::save`] returns.
+    pub fn state_bytes(&self) -> usize {
+        self.film.state_bytes(self.keys("").len() + 1)
+    }
+
+    /// Goes on from what [`Self::save`] returned for the scene and one of `guides`, whose index it gives, to the same bits as a render that
+    /// was never stopped.
     ///
     /// # Errors
-    /// If the bytes are damaged, or belong to another scene, camera, or other options (more samples are allowed).
-    pub fn resume(&mut self, scene: &str, bytes: &[u8]) -> Result<(), PathtraceError> {
-        self.film.restore(bytes, &self.keys(scene))?;
+    /// If the bytes are damaged, or belong to another scene, guide, camera, or other options (more samples are allowed).
+    pub fn resume<G: AsRef<str>>(
+        &mut self,
+        scene: &str,
+        guides: &[G],
+        bytes: &[u8],
+    ) -> Result<usize, PathtraceError> {
+        let guides: Vec<Key> = guides.iter().map(|g| guide_key(g.as_ref())).collect();
+        let guide = self.film.restore(bytes, &self.keys(scene), &guides)?;
         for tile in &mut self.film.tiles {
             // More samples may be wanted than when the state was saved.
             tile.active |= self.options.noise.is_none();
         }
         self.retire();
-        Ok(())
+        Ok(guide)
     }
 
-    /// Everything that the pixels depend on, except for their number and that of the samples.
+    /// Everything that the pixels depend on, except for their number, that of the samples and what chooses directions.
     fn keys(&self, scene: &str) -> [Key; 9] {
         let o = &self.options;
         [
-            ("scene, light or guide", scene.to_owned()),
+            ("scene or light", scene.to_owned()),
             ("camera", format!("{:?}", self.view)),
             ("noise", format!("{:?}", o.noise)),
             ("seed", format!("{:?}", o.seed)),
@@ -393,7 +410,7 @@ impl<'a> Renderer<'a> {
             ("depth, clamping or strategy", format!("{:?}", o.path)),
             ("camera before", format!("{:?}", o.previous)),
         ]
-        .map(|(name, text)| Key { name, sum: crate::film::checksum(text.as_bytes()) })
+        .map(|(name, text)| Key::new(name, &text))
     }
 
     fn kernel(&self) -> Kernel {
@@ -450,6 +467,11 @@ impl<'a> Renderer<'a> {
             tile.active &= tile.count < spp;
         }
     }
+}
+
+/// What chooses directions, as a part of what a picture depends on.
+fn guide_key(guide: &str) -> Key {
+    Key::new("guide or training of a guide", guide)
 }
 
 /// One pass.

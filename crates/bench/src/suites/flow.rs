@@ -46,7 +46,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
         "All threads, {SIDE} x {SIDE} pixels, {SPP} samples; time \
          is that of the samples over that without a guide, the gains are once without the time of training and once with it, \
          medians of {PAIRS} renders each after one without a guide. The \
-         variance is that of single samples over the squared mean luminance of the picture. \"Forced\" guides and those below \
+         variance is that of single samples over the squared mean of the picture, green. \"Forced\" guides and those below \
          them stay on whether or not they pay, and are trained in five rounds. \"Large\" pictures of {LARGE} x {LARGE} pixels are rendered once. The last rows and the plots: noise of the picture against all time, training included."
     ));
     Ok(())
@@ -132,16 +132,13 @@ fn renders(ctx: &mut Context, case: &Case) -> Result<()> {
             ctx.note(format!("{}, {name}: {sentence}.", case.0));
         }
         let [ratio, whole, training] = [ratios, whole, learning].map(|v| Timing::of(v).median);
-        let gain = variances[0] / variances[1];
-        let figures = vec![
-            ("variance, off", variances[0]),
-            ("variance", variances[1]),
-            ("time / off", ratio),
-            ("variance x time, gain", gain / ratio),
-            ("with training, gain", gain / whole),
-            ("training s", training),
-        ];
-        ctx.record(name, &case.0, SPP as usize, Timing::of(seconds), figures);
+        ctx.record(
+            name,
+            &case.0,
+            SPP as usize,
+            Timing::of(seconds),
+            compared(variances, [ratio, whole], training),
+        );
     }
     Ok(())
 }
@@ -154,18 +151,25 @@ fn large(ctx: &mut Context, case: &Case) -> Result<()> {
         let (guidance, sentence, training) = trained(case, size, guiding, false, FlowOptions::default())?;
         let (on, with) = rendered(case, size, &guidance)?;
         ctx.note(format!("{}, {name}: {}.", case.0, sentence.unwrap_or_default()));
-        let (gain, timing) = (without / with, Timing { median: on, spread: 0.0, runs: 1 });
-        let figures = vec![
-            ("variance, off", without),
-            ("variance", with),
-            ("time / off", on / off),
-            ("variance x time, gain", gain * off / on),
-            ("with training, gain", gain * off / (on + training)),
-            ("training s", training),
-        ];
-        ctx.record(name, &case.0, SPP as usize, timing, figures);
+        let ratios = [on / off, (on + training) / off];
+        let figures = compared([without, with], ratios, training);
+        ctx.record(name, &case.0, SPP as usize, Timing::of(vec![on]), figures);
     }
     Ok(())
+}
+
+/// Figures of a picture with a guide beside one without: variances without and with, times over that without, once without
+/// training and once with it, and the seconds of training.
+fn compared([without, with]: [f64; 2], [time, whole]: [f64; 2], training: f64) -> Vec<(&'static str, f64)> {
+    let gain = without / with;
+    vec![
+        ("variance, off", without),
+        ("variance", with),
+        ("time / off", time),
+        ("variance x time, gain", gain / time),
+        ("with training, gain", gain / whole),
+        ("training s", training),
+    ]
 }
 
 /// Noise of the picture against all time, training included.
@@ -180,11 +184,16 @@ fn against_time(ctx: &mut Context, cases: &[Case]) -> Result<()> {
                     trained(case, (SIDE, spp), guiding, false, FlowOptions::default())?;
                 let (seconds, variance) = rendered(case, (SIDE, spp), &guidance)?;
                 let (noise, all) = ((variance / f64::from(spp)).sqrt(), seconds + training);
-                let timing = Timing { median: seconds, spread: 0.0, runs: 1 };
                 curve.push((all, noise));
                 let name = format!("{}, {name}", case.0);
                 let figures = vec![("noise", noise), ("all seconds", all)];
-                ctx.record(&name, &format!("{spp} samples"), spp as usize, timing, figures);
+                ctx.record(
+                    &name,
+                    &format!("{spp} samples"),
+                    spp as usize,
+                    Timing::of(vec![seconds]),
+                    figures,
+                );
             }
             curves.push((name.to_owned(), curve));
         }

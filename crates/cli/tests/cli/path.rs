@@ -110,7 +110,7 @@ fn a_guided_render_goes_on_to_the_same_bits() {
         // What differs is named, and nothing else.
         let other = |more: &[&str]| photofit(d, &[&size[..], &["-o", "cut.exr", "--resume"], more].concat());
         let o = other(&["--guiding", guide, "--spp", spp]);
-        assert_one_error(&o, "another gain", &["made with another scene, light or guide; it"]);
+        assert_one_error(&o, "another gain", &["made with another guide or training of a guide; it"]);
         let o = other(&[&forced[..], &["--seed", "3"]].concat());
         assert_one_error(&o, "another seed", &["made with another seed; it"]);
         // Learning again takes longer than this.
@@ -123,6 +123,9 @@ fn a_guided_render_goes_on_to_the_same_bits() {
         let figures: serde_json::Value = serde_json::from_slice(&bytes("f.json")).unwrap();
         assert_eq!((&figures["guide"]["used"], &figures["guide"]["rounds"]), (&true.into(), &rounds.into()));
         assert!(figures["training_seconds"].as_f64().unwrap() > 0.0);
+        let told = figures["guide"]["told"].as_str().expect("a sentence");
+        assert!(told.starts_with(&format!("guiding ({guide}) is on: variance / ")), "{told}");
+        assert_eq!((&figures["guide"]["least_gain"], &figures["unsampled"]), (&0.0.into(), &0.into()));
     }
 }
 
@@ -144,6 +147,29 @@ fn a_guide_that_was_given_up_is_off_when_the_render_goes_on() {
     let more = ["--spp", "1000000", "--time-limit", "0.3", "--resume"];
     let o = succeeds(d, &[&line[..], &more].concat());
     assert!(stderr(&o).contains("guiding is off, as it was before"), "{}", stderr(&o));
+}
+
+#[test]
+fn pixels_without_a_sample_are_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = dir.path();
+    write_rock(d, 8, true);
+    let line = ["render", "rock.glb", "--integrator", "path", "--width", "3000", "--height", "2000"];
+    // Some limit ends the first sample in the middle.
+    let told = |k: i32| {
+        let limit = (0.02 * 2_f64.powi(k)).to_string();
+        let more = ["-o", "a.exr", "--json", "a.json", "--spp", "1", "--time-limit", &limit];
+        let o = photofit(d, &[&line[..], &more].concat());
+        let Ok(bytes) = std::fs::read(d.join("a.json")) else { return false };
+        let figures: serde_json::Value = serde_json::from_slice(&bytes).unwrap();
+        let unsampled = figures["unsampled"].as_u64().unwrap();
+        let samples = figures["samples"].as_u64().unwrap();
+        assert_eq!(unsampled + samples, 6_000_000, "a sample a pixel at most");
+        let line = format!("{unsampled} of 6000000 pixels have no sample");
+        assert_eq!(stderr(&o).contains(&line), unsampled > 0, "{}", stderr(&o));
+        unsampled > 0
+    };
+    assert!((0..8).any(told), "no limit ended the first sample");
 }
 
 #[test]

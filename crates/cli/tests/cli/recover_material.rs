@@ -39,6 +39,8 @@ fn known_materials_are_found_stopped_and_resumed() {
     }
     assert!(f["errors"]["scaled_relit_psnr"].as_f64().unwrap() > 15.0, "{f}");
     assert_eq!(f["guiding"].as_array().unwrap().len(), 1, "of the second round");
+    let guide = &f["guiding"][0];
+    assert!(text.contains(guide["told"].as_str().unwrap()) && guide["rounds"].as_u64() >= Some(3), "{guide}");
     let files = ["environment.exr", "index.html", "material.glb", "relit.png", "values.json", "views.png"];
     assert_eq!(names(&d.join("whole")), files);
     let page = std::fs::read_to_string(d.join("whole/index.html")).unwrap();

@@ -17,14 +17,15 @@ mod training;
 
 use crate::FitError;
 use clock::Clock;
-use photofit_flow::{FlowGuide, FlowOptions, Guided, Learn, LobeGuide, LobeOptions, Record, Waves};
+use photofit_flow::{
+    FlowError, FlowGuide, FlowOptions, Guided, Learn, LobeGuide, LobeOptions, Record, Waves,
+};
 use photofit_image::Image;
 use photofit_pathtrace::{
     Adjoint, Gradient, GradientSamples, Integrator, PathtraceError, Progress, RenderOptions, Renderer,
     Strategy,
 };
 use photofit_sampling::ScatteringSampler;
-use photofit_scalar::Vec3f;
 use pilot::{Chooser, Trial};
 pub use report::GuidingReport;
 use std::ops::RangeInclusive;
@@ -208,6 +209,7 @@ enum Trained {
 pub struct Guidance {
     trained: Option<Trained>,
     report: Option<GuidingReport>,
+    diverged: bool,
     seconds: f64,
 }
 
@@ -220,7 +222,8 @@ impl Guidance {
     /// Trains and judges a guide for the render that `renderer` begins; its film stays as it is.
     ///
     /// `stop` is asked before every picture of training and of the pilot run; once it says true, or the time of
-    /// [`GuidingOptions::limit`] is over, there is no guide and no report.
+    /// [`GuidingOptions::limit`] is over, there is no guide and no report. There is none where training diverges either
+    /// ([`Self::has_diverged`]).
     ///
     /// # Errors
     /// [`FitError::PathTrace`] and [`FitError::Guide`] for options that do not work.
@@ -277,7 +280,8 @@ impl Guidance {
                 Trained::Flow(Box::new(FlowGuide::new(lo, hi, flow)?))
             }
         };
-        let mut records = state.learn(first, options.records)?;
+        let diverged = || Ok(Self { diverged: true, ..Self::off() });
+        let Some(mut records) = state.learn(first, options.records)? else { return diverged() };
         let mut rounds = 1;
         while rounds < options.rounds && clock.allows(rounds, options.pilot) {
             let before = now();
@@ -285,7 +289,8 @@ impl Guidance {
             let lesson = over_views(&views, &clock, &stop, Lesson::beside, |r| state.walk(r, 1 << rounds));
             let Some(lesson) = lesson else { return Ok(Self::off()) };
             paths += lesson.paths;
-            records += state.learn(lesson, options.records)?;
+            let Some(more) = state.learn(lesson, options.records)? else { return diverged() };
+            records += more;
             clock.last = now().saturating_sub(before);
             rounds += 1;
         }
@@ -302,7 +307,7 @@ impl Guidance {
         let report =
             GuidingReport { rounds, paths, records, ..GuidingReport::judge(&plain, &guided, options) };
         let trained = report.used.then_some(state);
-        Ok(Self { trained, report: Some(report), seconds: 0.0 })
+        Ok(Self { trained, report: Some(report), ..Self::off() })
     }
 
     /// Seconds of training and pilot run, also where they were given up (by the clock: for reports alone).
@@ -310,7 +315,12 @@ impl Guidance {
         self.seconds
     }
 
-    /// What training came to; `None` where no guide was wanted, or training was given up.
+    /// Whether there is no guide because what it learned are no numbers.
+    pub fn has_diverged(&self) -> bool {
+        self.diverged
+    }
+
+    /// What training came to; `None` where no guide was wanted, or training was given up or diverged.
     pub fn report(&self) -> Option<&GuidingReport> {
         self.report.as_ref()
     }
@@ -373,14 +383,18 @@ impl Trained {
         }
     }
 
-    /// Learns from at most `most` useful records; gives their number.
-    fn learn(&mut self, lesson: Lesson, most: usize) -> Result<u64, FitError> {
+    /// Learns from at most `most` useful records; gives their number, or `None` where what is learned are no numbers any more.
+    fn learn(&mut self, lesson: Lesson, most: usize) -> Result<Option<u64>, FitError> {
         let records = thinned(lesson.records, most);
-        match self {
-            Self::Flow(guide) => guide.learn(&records)?,
-            Self::Lobes(guide) => guide.learn(&records)?,
+        let learned = match self {
+            Self::Flow(guide) => guide.learn(&records),
+            Self::Lobes(guide) => guide.learn(&records),
+        };
+        match learned {
+            Ok(()) => Ok(Some(records.len() as u64)),
+            Err(FlowError::Diverged { .. } | FlowError::Step(_)) => Ok(None),
+            Err(e) => Err(e.into()),
         }
-        Ok(records.len() as u64)
     }
 }
 
@@ -478,13 +492,6 @@ fn small_view<'a>(
         path: photofit_pathtrace::PathOptions { strategy: Strategy::Mis, ..own.path },
         ..own.clone()
     })?)
-}
-
-/// The box around points; a unit cube without any.
-fn box_of(points: impl Iterator<Item = Vec3f>) -> (Vec3f, Vec3f) {
-    let start = (Vec3f::splat(f32::INFINITY), Vec3f::splat(f32::NEG_INFINITY));
-    let (lo, hi) = points.fold(start, |(lo, hi), p| (lo.min(p), hi.max(p)));
-    if lo.is_finite() && hi.is_finite() { (lo, hi) } else { (Vec3f::zero(), Vec3f::splat(1.0)) }
 }
 
 #[cfg(test)]

@@ -37,7 +37,8 @@ pub(super) struct Trial {
     pub(super) paths: u64,
     /// Path vertices, and rays without one.
     pub(super) work: u64,
-    pub(super) columns: usize,
+    /// Columns and rows of a picture; there may be several.
+    pub(super) size: [usize; 2],
     pub(super) pixels: Vec<Sums>,
     /// Whether any of them brought light.
     pub(super) found_light: bool,
@@ -139,22 +140,23 @@ impl<G: Guide> DirectionSampler for Watched<'_, G> {
     ) -> Option<DirectionSample> {
         let guided = Guided(self.guide);
         let sample = match self.chooser {
-            Chooser::Guide => guided.sample(at, local, lobe, u)?,
-            Chooser::Scattering => at.scattering.sample(lobe, u)?,
+            Chooser::Guide => guided.sample(at, local, lobe, u),
+            Chooser::Scattering => at.scattering.sample(lobe, u),
         };
-        let ratio = match local {
-            Some(local) if sample.delta => 1.0 - f64::from(self.guide.share(local)),
-            None => 1.0,
-            Some(_) => {
+        let ratio = match (local, &sample) {
+            (None, _) => 1.0,
+            (Some(_), Some(sample)) if !sample.delta => {
                 let [with, without] = match self.chooser {
                     Chooser::Guide => [sample.pdf, at.scattering.eval_pdf(sample.wi).1],
                     Chooser::Scattering => [guided.pdf(at, local, sample.wi, sample.pdf), sample.pdf],
                 };
                 f64::from(with) / f64::from(without)
             }
+            // Delta lobes, and no direction at all: the scattering function's, for the guides that there are answer everywhere.
+            (Some(local), _) => 1.0 - f64::from(self.guide.share(local)),
         };
         self.densities.chosen.set(ratio);
-        Some(sample)
+        sample
     }
 
     #[inline]
@@ -257,22 +259,16 @@ impl Trial {
         chooser: Chooser,
     ) -> Self {
         let options = renderer.options();
-        let (columns, rows) = (options.width, options.height);
-        let row = |y: usize| Self::row(renderer, (y, columns), samples, guide, chooser);
-        let parts: Vec<Self> = (0..rows).into_par_iter().map(row).collect();
-        parts.into_iter().fold(Self { columns, ..Self::default() }, Self::beside)
+        let size = [options.width, options.height];
+        let row = |y: usize| Self::row(renderer, y, samples, guide, chooser);
+        let parts: Vec<Self> = (0..options.height).into_par_iter().map(row).collect();
+        parts.into_iter().fold(Self { size, ..Self::default() }, Self::beside)
     }
 
-    fn row<G: Guide>(
-        renderer: &Renderer<'_>,
-        (y, columns): (usize, usize),
-        samples: u32,
-        guide: &G,
-        chooser: Chooser,
-    ) -> Self {
+    fn row<G: Guide>(renderer: &Renderer<'_>, y: usize, samples: u32, guide: &G, chooser: Chooser) -> Self {
         let densities = Densities { chosen: Cell::new(1.0), light: Cell::new(1.0) };
         let mut follower = Follower::new(chooser, &densities);
-        let mut out = Self { columns, ..Self::default() };
+        let (mut out, columns) = (Self::default(), renderer.options().width);
         for x in 0..columns {
             let mut sums = Sums::default();
             for sample in 0..samples {
@@ -287,7 +283,7 @@ impl Trial {
         out
     }
 
-    /// Both, of pictures of one width: the rows of the other follow.
+    /// Both, of pictures of one size: the rows of the other follow.
     pub(super) fn beside(mut self, other: Self) -> Self {
         self.pixels.extend(other.pixels);
         self.paths += other.paths;
@@ -303,10 +299,13 @@ pub(super) fn variances(plain: &Trial, guided: &Trial) -> [f64; 2] {
     let pixels: Vec<_> = plain.pixels.iter().zip(&guided.pixels).map(|(a, b)| moments(a, b)).collect();
     let n = pixels.len().max(1) as f64;
     let mean = pixels.iter().map(|p| p.0).sum::<f64>() / n;
-    let columns = plain.columns.max(1);
-    let width = columns.div_ceil(BLOCK);
-    let block = |i: usize| i / columns / BLOCK * width + i % columns / BLOCK;
-    let mut blocks = vec![[0.0_f64; 2]; width * (pixels.len() / columns).div_ceil(BLOCK)];
+    let [columns, rows] = plain.size.map(|n| n.max(1));
+    let [across, down] = [columns, rows].map(|n| n.div_ceil(BLOCK));
+    let block = |i: usize| {
+        let (picture, i) = (i / (columns * rows), i % (columns * rows));
+        (picture * down + i / columns / BLOCK) * across + i % columns / BLOCK
+    };
+    let mut blocks = vec![[0.0_f64; 2]; pixels.len().div_ceil(columns * rows) * across * down];
     for (i, pixel) in pixels.iter().enumerate() {
         let sum = &mut blocks[block(i)];
         *sum = [sum[0] + pixel.0, sum[1] + 1.0];

@@ -73,7 +73,7 @@ impl GuidingReport {
         let state = match self.used {
             true => "is on",
             false if gain.is_nan() => "is off",
-            false => &format!("switched itself off, a gain of {} is asked for", self.least_gain),
+            false => &format!("switched itself off, a gain of {:?} is asked for", self.least_gain),
         };
         format!("guiding ({}) {state}: {why}", self.guiding.name())
     }

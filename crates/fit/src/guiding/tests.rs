@@ -6,7 +6,7 @@ use glam::Vec3;
 use photofit_flow::Query;
 use photofit_geometry::shapes::parallelogram;
 use photofit_pathtrace::{EnvironmentMap, Material, MaterialValue, Parameter, Parts, Shape, View, World};
-use photofit_scalar::vec3;
+use photofit_scalar::{Vec3f, vec3};
 use photofit_scene::Camera;
 use photofit_shading::bsdf::{Bsdf, Diffuse};
 use std::cell::Cell;
@@ -309,6 +309,16 @@ fn a_guide_that_is_off_cost_a_tenth_of_the_work_at_most() {
 }
 
 #[test]
+fn a_guide_that_diverges_is_off() {
+    let world = rooms();
+    let renderer = Renderer::new(&world, &inside(), options(32, 64, 1)).unwrap();
+    let own = GuidingOptions::new(Guiding::Flow);
+    let flow = FlowOptions { rates: [f32::MAX; 2], ..own.flow };
+    let guidance = Guidance::train(&renderer, &GuidingOptions { flow, ..own }, || false).unwrap();
+    assert!(guidance.has_diverged() && !guidance.is_on() && guidance.report().is_none());
+}
+
+#[test]
 fn training_stops_where_it_is_told_to() {
     let world = rooms();
     let renderer = Renderer::new(&world, &inside(), options(16, 4, 1)).unwrap();
@@ -441,7 +451,7 @@ fn no_light_and_no_noise_are_judged_and_told() {
 
 /// 4 x 4 pixels.
 fn trial(mean: f64, variances: [f64; 2]) -> Trial {
-    Trial { columns: 4, work: 16, pixels: vec![Sums::of(mean, variances); 16], ..Trial::default() }
+    Trial { size: [4; 2], work: 16, pixels: vec![Sums::of(mean, variances); 16], ..Trial::default() }
 }
 
 #[test]

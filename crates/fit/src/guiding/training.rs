@@ -1,11 +1,10 @@
 //! Paths beside the picture, and what a guide learns from them.
 
-use super::box_of;
 use photofit_flow::{Query, Record};
 use photofit_image::luminance;
 use photofit_pathtrace::{Renderer, TrainingSink, TrainingVertex};
 use photofit_sampling::DirectionSampler;
-use photofit_scalar::Vec3f;
+use photofit_scalar::{Vec3f, vec3};
 use rayon::prelude::*;
 
 /// Paths of every pixel of a small picture.
@@ -41,9 +40,24 @@ impl Lesson {
         self
     }
 
-    /// The box around the vertices.
+    /// A box around the vertices, but for few that are far from all others: what resolves positions in the box would see the others
+    /// as one. It reaches beyond nine tenths of them along each axis by half of the longest side of those; a unit cube without
+    /// any.
     pub(super) fn bounds(&self) -> (Vec3f, Vec3f) {
-        box_of(self.records.iter().map(|r| r.query.position))
+        let along = |axis: usize| {
+            let mut values: Vec<f32> = self.records.iter().map(|r| r.query.position[axis]).collect();
+            values.retain(|v| v.is_finite());
+            values.sort_unstable_by(f32::total_cmp);
+            let last = values.len().checked_sub(1)?;
+            Some([0, last / 20, last - last / 20, last].map(|k| values[k]))
+        };
+        let (Some(x), Some(y), Some(z)) = (along(0), along(1), along(2)) else {
+            return (Vec3f::zero(), Vec3f::splat(1.0));
+        };
+        let beyond = [x, y, z].iter().map(|v| 0.5 * (v[2] - v[1])).fold(0.0, f32::max);
+        let of = |v: [f32; 4]| [v[0].max(v[1] - beyond), v[3].min(v[2] + beyond)];
+        let [x, y, z] = [of(x), of(y), of(z)];
+        (vec3(x[0], y[0], z[0]), vec3(x[1], y[1], z[1]))
     }
 }
 
@@ -56,4 +70,33 @@ fn record(v: &TrainingVertex) -> Option<Record> {
     let query = Query { position: e.position, normal: e.normal, wo: e.wo, roughness: 1.0 };
     let value = luminance(e.weight.mul(v.radiance).to_array()) * e.pdf;
     Some(Record { query, wi: e.wi, pdf: e.pdf, value, incident: luminance(v.radiance.to_array()) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lesson(positions: impl Iterator<Item = Vec3f>) -> Lesson {
+        let of = |position| {
+            let query = Query { position, normal: Vec3f::zero(), wo: Vec3f::zero(), roughness: 1.0 };
+            Record { query, wi: Vec3f::zero(), pdf: 1.0, value: 1.0, incident: 1.0 }
+        };
+        Lesson { records: positions.map(of).collect(), paths: 0 }
+    }
+
+    #[test]
+    fn a_few_vertices_far_away_do_not_widen_the_box() {
+        let near = |i: usize| vec3((i % 10) as f32 / 9.0, 0.0, (i / 10 % 10) as f32 / 9.0);
+        let far = |i: usize| vec3(0.0, -7.0, if i.is_multiple_of(2) { -1e4 } else { 1e4 });
+        let at = |i: usize| if i % 25 == 24 { far(i) } else { near(i) };
+        let (lo, hi) = lesson((0..1000).map(at)).bounds();
+        assert!(lo.z > -1.0 && hi.z < 2.0 && lo.x == 0.0 && hi.x == 1.0, "{lo:?} {hi:?}");
+        // A floor with few things on it: the box holds these.
+        let on_it = |i: usize| vec3((i % 10) as f32, if i.is_multiple_of(40) { 2.0 } else { 0.0 }, 0.0);
+        let (lo, hi) = lesson((0..1000).map(on_it)).bounds();
+        assert!((lo.y, hi.y) == (0.0, 2.0), "{lo:?} {hi:?}");
+        assert_eq!(lesson(std::iter::empty()).bounds(), (Vec3f::zero(), Vec3f::splat(1.0)));
+        let (lo, hi) = lesson(std::iter::once(vec3(1.0, 2.0, 3.0))).bounds();
+        assert_eq!((lo, hi), (vec3(1.0, 2.0, 3.0), vec3(1.0, 2.0, 3.0)));
+    }
 }

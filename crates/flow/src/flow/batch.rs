@@ -38,13 +38,13 @@ impl FlowGuide {
         let mut examples: Vec<Example> =
             records.par_iter().filter(|r| r.is_useful()).map(|r| self.example(r)).collect();
         self.began = true;
+        // Batches of one size: each is a step as long as any other.
+        let batches = examples.len().div_ceil(self.options.batch).max(1);
+        let size = examples.len().div_ceil(batches).max(1);
         for pass in 0..self.options.passes {
             Rng::new(self.options.seed ^ self.steps, 0x0b47 + u64::from(pass)).shuffle(&mut examples);
-            for batch in examples.chunks(self.options.batch) {
+            for batch in examples.chunks(size) {
                 self.step(batch)?;
-                if self.steps.is_multiple_of(u64::from(self.options.refresh)) {
-                    self.refresh()?;
-                }
             }
         }
         self.refresh()
@@ -65,6 +65,18 @@ impl FlowGuide {
         if !(scale.is_finite() && scale > 0.0) {
             return Ok(());
         }
+        let gradient = self.gradient_of(batch, scale);
+        let Parameters { network, table } = &mut self.live;
+        self.optimizers[0].step(network, &gradient.network, self.options.rates[0])?;
+        if self.options.spatial {
+            self.optimizers[1].step(table, &gradient.table, self.options.rates[1])?;
+        }
+        self.steps += 1;
+        Ok(())
+    }
+
+    /// Gradient of the loss of a batch, whose weights are scaled by this.
+    fn gradient_of(&self, batch: &[Example], scale: f32) -> Parameters {
         let chunks: Vec<Gradient> =
             batch.par_chunks(CHUNK).map(|chunk| self.gradient(chunk, scale, batch.len())).collect();
         let mut network = vec![0.0; self.live.network.len()];
@@ -81,13 +93,7 @@ impl FlowGuide {
                 }
             }
         }
-        let Parameters { network: weights, table: entries } = &mut self.live;
-        self.optimizers[0].step(weights, &network, self.options.rates[0])?;
-        if self.options.spatial {
-            self.optimizers[1].step(entries, &table, self.options.rates[1])?;
-        }
-        self.steps += 1;
-        Ok(())
+        Parameters { network, table }
     }
 
     /// Gradient of `-w ln q / n` with `w` detached: half of it for the flow, half for its mixture.
@@ -136,7 +142,7 @@ impl Kernel for OfChunk<'_> {
             if mixture > 0.0 && mixture.is_finite() {
                 let part = (share - SHARE[0]) / (SHARE[1] - SHARE[0]);
                 let slope = (SHARE[1] - SHARE[0]) * part * (1.0 - part);
-                let g_logit = -weight * (flow - e.other) / mixture * slope;
+                let g_logit = -weight * (1.0 - ALONE) * (flow - e.other) / mixture * slope;
                 g_head[0] += g_logit;
                 for (k, g) in g_head[1..].iter_mut().enumerate() {
                     *g += g_logit * local.condition[k];
@@ -154,6 +160,71 @@ mod tests {
     use super::*;
     use crate::flow::FlowOptions;
     use crate::spline::Family;
+
+    /// The loss of which [`FlowGuide::gradient_of`] is the gradient, by the answers of the guide.
+    fn loss(guide: &FlowGuide, batch: &[Example], scale: f32) -> f64 {
+        let of = |e: &Example| {
+            let local = guide.local(&e.record.query);
+            let (share, other) = (f64::from(guide.share(&local)), f64::from(e.other));
+            let q = f64::from(guide.pdf(&local, e.record.wi));
+            let mixture = share * q + (1.0 - share) * other;
+            let alone = f64::from(ALONE);
+            -f64::from((e.weight * scale).min(WEIGHT_MAX)) * (alone * q.ln() + (1.0 - alone) * mixture.ln())
+        };
+        batch.iter().map(of).sum::<f64>() / batch.len() as f64
+    }
+
+    #[test]
+    fn gradients_are_differences_of_the_loss() {
+        for (family, bins) in [(Family::Quadratic, 15), (Family::Rational, 10)] {
+            let data = records(300, 3);
+            let mut guide =
+                trained(FlowOptions { family, bins, ..FlowOptions::default() }, &records(4000, 4));
+            let batch: Vec<Example> = data.iter().map(|r| guide.example(r)).collect();
+            let gradient = guide.gradient_of(&batch, 0.7);
+            let layers = guide.couplings.len();
+            let largest = |g: &[f32], from: usize, n: usize| {
+                let mut order: Vec<usize> = (from..g.len()).collect();
+                order.sort_by(|a, b| g[*b].abs().total_cmp(&g[*a].abs()));
+                order.truncate(n);
+                order
+            };
+            // Weights of the layers, all of the share, and features of positions.
+            let all = (0..).take_while(|k| layers + k < gradient.network.len()).map(|k| (0, layers + k));
+            let weights = largest(&gradient.network[..layers], 0, 40).into_iter().map(|k| (0, k));
+            let places = largest(&gradient.table, 0, 40).into_iter().map(|k| (1, k));
+            let places: Vec<(usize, usize)> = all.chain(weights).chain(places).collect();
+            let scales = [&gradient.network[layers..], &gradient.network[..layers], &gradient.table]
+                .map(|g| g.iter().fold(0.0_f32, |m, v| m.max(v.abs())));
+            for (part, k) in places {
+                let h = 1e-2;
+                let mut at = |offset: f32| {
+                    let own = if part == 0 { &mut guide.frozen.network } else { &mut guide.frozen.table };
+                    let before = own[k];
+                    own[k] += offset;
+                    let found = loss(&guide, &batch, 0.7);
+                    let own = if part == 0 { &mut guide.frozen.network } else { &mut guide.frozen.table };
+                    own[k] = before;
+                    found
+                };
+                let difference = (at(h) - at(-h)) / f64::from(2.0 * h);
+                let (own, scale) = match part {
+                    0 if k >= layers => (gradient.network[k], scales[0]),
+                    0 => (gradient.network[k], scales[1]),
+                    _ => (gradient.table[k], scales[2]),
+                };
+                let off = (f64::from(own) - difference).abs();
+                assert!(off < 0.03 * f64::from(scale), "{family:?}, {part} {k}: {own} and {difference}");
+            }
+        }
+    }
+
+    #[test]
+    fn batches_are_of_one_size() {
+        let steps =
+            |n: usize| trained(FlowOptions { batch: 100, ..FlowOptions::default() }, &records(n, 3)).steps();
+        assert_eq!([steps(100), steps(101), steps(299), steps(301)], [1, 2, 3, 4]);
+    }
 
     fn bits(g: &Gradient) -> Vec<u32> {
         g.network.iter().chain(g.features.iter().flatten()).map(|v| v.to_bits()).collect()

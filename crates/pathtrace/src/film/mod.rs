@@ -9,7 +9,7 @@ mod state;
 
 pub use aov::Aov;
 pub use filter::Filter;
-pub(crate) use state::{Key, checksum};
+pub(crate) use state::Key;
 
 use crate::camera::Prepared;
 use crate::integrator::PathSample;

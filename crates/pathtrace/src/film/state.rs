@@ -3,7 +3,7 @@
 use super::{Film, Tile};
 use crate::PathtraceError;
 
-const MAGIC: &[u8; 8] = b"PFPATH03";
+const MAGIC: &[u8; 8] = b"PFPATH04";
 
 impl Film {
     /// All sums and counts; `keys` name what is rendered, part by part.
@@ -27,8 +27,19 @@ impl Film {
         out
     }
 
-    /// Takes over what [`Self::to_bytes`] wrote for the same keys and shape.
-    pub(crate) fn restore(&mut self, bytes: &[u8], keys: &[Key]) -> Result<(), PathtraceError> {
+    /// Bytes that [`Self::to_bytes`] writes with so many keys.
+    pub(crate) fn state_bytes(&self, keys: usize) -> usize {
+        let tile = |t: &Tile| 16 + 8 * t.sums.len() + 4 * t.ids.len();
+        MAGIC.len() + 8 * (keys + 4) + self.tiles.iter().map(tile).sum::<usize>() + 8
+    }
+
+    /// Takes over what [`Self::to_bytes`] wrote for the same shape, the same keys and one of `last`; gives the index of that.
+    pub(crate) fn restore(
+        &mut self,
+        bytes: &[u8],
+        keys: &[Key],
+        last: &[Key],
+    ) -> Result<usize, PathtraceError> {
         let fail = |why: &str| Err(PathtraceError::State(why.into()));
         let Some((body, sum)) = bytes.split_last_chunk::<8>() else { return fail("it is too short") };
         if body.get(..8) != Some(MAGIC) {
@@ -38,10 +49,14 @@ impl Film {
             return fail("it is damaged");
         }
         let mut reader = Reader(&body[8..]);
-        let others: Vec<&str> = keys.iter().filter(|k| reader.u64() != Some(k.sum)).map(|k| k.name).collect();
-        if !others.is_empty() {
+        let mut others: Vec<&str> =
+            keys.iter().filter(|k| reader.u64() != Some(k.sum)).map(|k| k.name).collect();
+        let sum = reader.u64();
+        let found = last.iter().position(|k| sum == Some(k.sum));
+        others.extend(last.first().filter(|_| found.is_none()).map(|k| k.name));
+        let Some(found) = found.filter(|_| others.is_empty()) else {
             return fail(&format!("it was made with another {}; it must be the same", others.join(", ")));
-        }
+        };
         let shape = [self.width, self.height, self.stride, self.tiles.len()];
         if shape.iter().any(|n| reader.u64() != Some(*n as u64)) {
             return fail("it belongs to another size or other auxiliary images");
@@ -51,7 +66,7 @@ impl Film {
             return fail("its length is not that of the picture");
         }
         self.tiles = tiles;
-        Ok(())
+        Ok(found)
     }
 }
 
@@ -62,6 +77,12 @@ pub(crate) struct Key {
     pub(crate) name: &'static str,
     /// A checksum that changes with it.
     pub(crate) sum: u64,
+}
+
+impl Key {
+    pub(crate) fn new(name: &'static str, text: &str) -> Self {
+        Self { name, sum: checksum(text.as_bytes()) }
+    }
 }
 
 struct Reader<'a>(&'a [u8]);
@@ -92,7 +113,7 @@ impl Reader<'_> {
 }
 
 /// Fowler, Noll and Vo's hash over words: finds damage, not malice.
-pub(crate) fn checksum(bytes: &[u8]) -> u64 {
+fn checksum(bytes: &[u8]) -> u64 {
     let mut h = 0xcbf2_9ce4_8422_2325_u64;
     let mut step = |word: u64| h = (h ^ word).wrapping_mul(0x0100_0000_01b3).rotate_left(29);
     let (words, rest) = bytes.as_chunks::<8>();
@@ -119,11 +140,12 @@ mod tests {
         let keys = [Key { name: "camera", sum: 7 }, Key { name: "seed", sum: 8 }];
         let empty = Film::new(6, 5, &[Aov::Albedo, Aov::Instance]);
         let seeds = [empty.to_bytes(&keys)];
+        assert_eq!(seeds[0].len(), empty.state_bytes(keys.len()));
         let seen = Target { name: "render-state", shape: Shape::Packed(&PACKING), seeds: &seeds }.run(
             |n| n == 2000,
             |bytes| {
                 let mut film = empty.clone();
-                film.restore(bytes, &keys).map_err(|e| e.to_string())
+                film.restore(bytes, &keys[..1], &keys[1..]).map(drop).map_err(|e| e.to_string())
             },
         );
         seen.assert_deep("render-state", 5);

@@ -329,9 +329,9 @@ fn light_that_is_not_finite_is_left_out_and_counted() {
         while !progress.done {
             progress = renderer.pass(|| false);
         }
-        let saved = renderer.save("scene");
+        let saved = renderer.save("scene", "");
         let mut again = Renderer::new(&world, &view, square(8, 4)).unwrap();
-        again.resume("scene", &saved).unwrap();
+        again.resume("scene", &[""], &saved).unwrap();
         assert_eq!(again.progress().not_finite, progress.not_finite, "counts survive");
         (renderer.picture(), progress.not_finite)
     };

@@ -30,10 +30,10 @@ fn threads_and_interruptions_change_no_bit() {
         let left = AtomicUsize::new(4);
         let progress = renderer
             .pass(|| left.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |n| n.checked_sub(1)).is_err());
-        let bytes = renderer.save("cornell");
+        let bytes = renderer.save("cornell", "");
         renderer = new();
-        renderer.resume("cornell", &bytes).unwrap();
-        assert_eq!(renderer.save("cornell"), bytes, "a state survives");
+        renderer.resume("cornell", &[""], &bytes).unwrap();
+        assert_eq!(renderer.save("cornell", ""), bytes, "a state survives");
         rounds += 1;
         if progress.done {
             break;
@@ -52,12 +52,12 @@ fn one_long_pass_is_many_short_ones() {
         let (mut short, mut long) = (new(), new());
         while !short.pass(|| false).done {}
         long.finish();
-        assert!(long.progress().done && long.save("cornell") == short.save("cornell"), "{noise:?}");
+        assert!(long.progress().done && long.save("cornell", "") == short.save("cornell", ""), "{noise:?}");
         // Those that have begun are finished alike.
         let mut begun = new();
         begun.pass(|| false);
         begun.finish();
-        assert!(begun.save("cornell") == short.save("cornell"), "{noise:?}, begun");
+        assert!(begun.save("cornell", "") == short.save("cornell", ""), "{noise:?}, begun");
     }
 }
 
@@ -67,13 +67,18 @@ fn states_are_refused_where_they_do_not_belong() {
     let make = |options: RenderOptions| Renderer::new(&world, &cornell_view(), options).unwrap();
     let mut renderer = make(square(20, 4));
     renderer.pass(|| false);
-    let bytes = renderer.save("a");
+    let bytes = renderer.save("a", "");
     let refused = |options: RenderOptions, name: &str, bytes: &[u8]| {
-        let error = make(options).resume(name, bytes).unwrap_err().to_string();
+        let error = make(options).resume(name, &["", "b"], bytes).unwrap_err().to_string();
         assert!(error.contains("cannot be continued"), "{error}");
         error
     };
-    assert!(refused(square(20, 4), "b", &bytes).contains("another scene, light or guide;"));
+    assert!(refused(square(20, 4), "b", &bytes).contains("another scene or light;"));
+    let guided = renderer.save("a", "c");
+    assert!(refused(square(20, 4), "a", &guided).contains("another guide or training of a guide;"));
+    assert!(refused(square(20, 4), "b", &guided).contains("another scene or light, guide or training"));
+    assert_eq!(make(square(20, 4)).resume("a", &["", "b", "c"], &guided).unwrap(), 2);
+    assert_eq!(renderer.state_bytes(), guided.len());
     assert!(refused(RenderOptions { seed: 1, ..square(20, 4) }, "a", &bytes).contains("another seed;"));
     assert!(refused(square(21, 4), "a", &bytes).contains("another size"));
     assert!(refused(square(20, 4), "a", &bytes[..40]).contains("damaged"));
@@ -83,7 +88,7 @@ fn states_are_refused_where_they_do_not_belong() {
     assert!(refused(square(20, 4), "a", &flipped).contains("damaged"));
     // More samples than before are no other picture.
     let mut more = make(square(20, 16));
-    more.resume("a", &bytes).unwrap();
+    more.resume("a", &[""], &bytes).unwrap();
     assert_eq!(finish(more).data, finish(make(square(20, 16))).data);
 }
 
@@ -100,6 +105,18 @@ fn adaptive_sampling_spends_where_the_noise_is() {
     let samples = renderer.aov(Aov::Samples).unwrap();
     let (least, most) = samples.data.iter().fold((f32::MAX, 0.0_f32), |(a, b), x| (a.min(*x), b.max(*x)));
     assert!(least >= 32.0 && most > 2.0 * least, "{least} to {most}");
+}
+
+#[test]
+fn pixels_without_a_sample_are_counted() {
+    let world = World::new(cornell()).unwrap();
+    let mut renderer = Renderer::new(&world, &cornell_view(), square(40, 2)).unwrap();
+    assert_eq!(renderer.progress().unsampled, 1600);
+    // Stopped before its second tile.
+    let asked = AtomicUsize::new(0);
+    let progress = renderer.pass(|| asked.fetch_add(1, Ordering::Relaxed) > 0);
+    assert!(progress.samples > 0 && progress.unsampled == 1600 - progress.samples, "{progress:?}");
+    assert_eq!(renderer.pass(|| false).unsampled, 0);
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Nanoseconds of the learned samplers on one thread: a sample, a density, and the parts that they are made of.
 
 use anyhow::Result;
-use photofit_flow::network::{Hidden, Network};
+use photofit_flow::network::Hidden;
 use photofit_flow::spline::{Family, Spline};
 use photofit_flow::{
     Chart, Domain, Encoding, FlowGuide, FlowOptions, Grid, Guide, Learn, LobeGuide, LobeOptions, Query,
@@ -17,9 +17,6 @@ use crate::timing;
 const VERTICES: usize = 1 << 10;
 /// The density is asked for in this direction.
 const DIRECTION: Vec3f = vec3(0.6, 0.0, 0.8);
-
-/// Inputs of a network beside the features of a place: what it knows of directions, and the coordinate that is kept.
-const OTHERS: usize = 7 + 7;
 
 pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
@@ -131,9 +128,8 @@ fn parts(ctx: &mut Context, options: FlowOptions) {
         });
     }
     let logits = options.family.logits(options.bins);
-    let inputs = options.encoding.features() + OTHERS;
-    let network = Network { inputs, outputs: logits.next_multiple_of(photofit_flow::network::LANES) };
-    let (weights, input) = (random(network.len(), 0.2), random(inputs + VERTICES, 1.0));
+    let network = options.couplings().network();
+    let (weights, input) = (random(network.len(), 0.2), random(network.inputs + VERTICES, 1.0));
     let (mut hidden, mut outputs) = (Hidden::default(), vec![0.0; network.outputs]);
     each(ctx, "parts", "network", || {
         let sums = (0..VERTICES).map(|i| {

@@ -132,6 +132,19 @@ fn what_hardly_varies_has_no_negative_variance() {
 }
 
 #[test]
+fn light_around_a_pixel_is_that_of_its_own_picture() {
+    // Two pictures whose heights are no multiple of a block's: a dark one, and a bright one of the same relative noise.
+    let of = |mean: f64, n: usize| vec![Sums::of(mean, [mean * mean, 0.25 * mean * mean]); n];
+    let trial = || Trial { size: [4, 3], pixels: [of(1.0, 12), of(100.0, 12)].concat(), ..Trial::default() };
+    let found = variances(&trial(), &trial());
+    let darkness = DARKNESS * 50.5;
+    let expected = [1.0_f64, 100.0].map(|m| (m / (m + darkness)).powi(2)).iter().sum::<f64>() / 2.0;
+    for (found, part) in found.into_iter().zip([1.0, 0.25]) {
+        assert!((found / (part * expected) - 1.0).abs() < 1e-9, "{found}, {expected}");
+    }
+}
+
+#[test]
 fn variances_are_those_of_many_samples() {
     // 4 x 4 pixels are one block.
     let above = {
@@ -171,7 +184,7 @@ fn rare_light_is_told_by_the_paths_that_look_for_it() {
         guided.add(&bright);
         guided.add(&dark);
     }
-    let trial = |sums| Trial { columns: 1, pixels: vec![sums], ..Trial::default() };
+    let trial = |sums| Trial { size: [1; 2], pixels: vec![sums], ..Trial::default() };
     let [without, with] = variances(&trial(plain), &trial(guided));
     assert!((without / with / 1e6 - 1.0).abs() < 0.2, "{without} {with}");
 }
