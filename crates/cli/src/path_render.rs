@@ -110,7 +110,7 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, view: &View, key: &
     }
     if progress.unsampled > 0 {
         let pixels = u64::from(a.width()) * u64::from(a.height());
-        say(&format!("{} of {pixels} pixels have no sample: the render ended too early", progress.unsampled));
+        say(&format!("{} of {pixels} pixels have no sample", progress.unsampled));
     }
     let stopped = !finished && interrupt::is_stopping();
     Ok(if stopped { Ending::Stopped } else { Ending::Done })
@@ -383,7 +383,7 @@ fn work(
     match guidance.report() {
         Some(report) => say(&report.sentence()),
         None if guiding(a) == Guiding::Off => {}
-        None if guidance.has_diverged() => say("guiding is off: what it learned are no numbers any more"),
+        None if guidance.has_diverged() => say("guiding is off: training diverged"),
         None if terminal.is_cancelled() => {
             terminal.finish();
             say("stopped while the guide learned; --resume begins that anew");
@@ -414,7 +414,7 @@ fn work(
         }
         output::name_suite(SUITE)?;
     }
-    // Its time is counted from here.
+    // The time of the samples counts from here, without that of training.
     report(&terminal, a, &renderer.progress(), began);
     let mut saved = Instant::now();
     let every = a.path.save_every.unwrap_or(SAVE_EVERY).max(SAVE_LEAST);

@@ -187,7 +187,7 @@ pub fn recover_material(
                 guide = model.guidance.report().cloned();
                 if model.guidance.has_diverged() {
                     let round = round + 1;
-                    progress.warn(&format!("round {round} has no guide: what it learned are no numbers"));
+                    progress.warn(&format!("round {round} has no guide: training diverged"));
                 }
             }
             let own = RecoverSceneOptions {

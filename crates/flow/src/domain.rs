@@ -25,10 +25,10 @@ pub enum Domain {
 /// The smallest width of GGX that [`Domain::Visible`] works with.
 const ALPHA_MIN: f32 = 1e-3;
 
-/// The normal at which frames have no limit: hardly a surface faces it.
-const SINGULAR: Vec3f = vec3(0.36, -0.8, -0.48);
-/// Axes across it, right-handed with its opposite.
-const ACROSS: [Vec3f; 2] = [vec3(-0.48, -0.6, 0.64), vec3(0.8, 0.0, 0.6)];
+/// The normal whose frame neighbours of other normals turn around: that of ceilings, where y is up, is bent least often.
+const SINGULAR: Vec3f = vec3(0.0, -1.0, 0.0);
+/// An axis across it.
+const ACROSS: Vec3f = vec3(1.0, 0.0, 0.0);
 
 /// The frame of a vertex and what maps need of it.
 #[derive(Clone, Copy, Debug)]
@@ -44,8 +44,8 @@ impl Chart {
     /// The chart of a vertex; `alpha` is the width of GGX.
     ///
     /// The frame turns with the normal alone for [`Domain::Hemisphere`], not at all for [`Domain::Sphere`], and has the
-    /// viewer in its xz plane for the others: densities then change continuously with the normal (but at [`SINGULAR`] or
-    /// for a viewer there, where no frame can).
+    /// viewer in its xz plane for the others: densities then change continuously with the normal, but for the hemisphere at
+    /// the normal that faces down and for the others where the viewer looks along the normal.
     #[inline]
     pub fn new(domain: Domain, normal: Vec3f, wo: Vec3f, alpha: f32) -> Self {
         let facing = if normal.dot(wo) < 0.0 { -normal } else { normal };
@@ -179,15 +179,17 @@ fn half_vector_density(cosine: f32, sin: f32) -> f32 {
 /// A frame for a normal: those of neighbouring normals are near each other, but around [`SINGULAR`]. (A frame whose sign
 /// depends on that of a coordinate turns over within walls.)
 fn with_pair(n: Vec3f) -> [Vec3f; 3] {
-    let below = 1.0 - n.dot(SINGULAR);
-    if below < 1e-3 {
+    // The axis of the opposite direction, turned along the great circle to the normal.
+    let sum = n - SINGULAR;
+    // 1 less the cosine to the singular normal, without cancellation.
+    let below = 0.5 * sum.length_squared();
+    if below < 1e-6 {
         let (s, t) = n.orthonormal_pair();
         return [s, t, n];
     }
-    // The axes of the opposite direction, turned along the great circle to the normal.
-    let sum = n - SINGULAR;
-    let [s, t] = ACROSS.map(|a| (a - sum * (a.dot(n) / below)).normalize_or_zero());
-    [s, t, n]
+    let s = ACROSS - sum * (ACROSS.dot(n) / below);
+    let s = (s - n * s.dot(n)).normalize_or_zero();
+    [s, n.cross(s), n]
 }
 
 #[cfg(test)]
@@ -213,11 +215,11 @@ mod tests {
         for domain in DOMAINS {
             for i in 0..4000 {
                 let mut unit = || photofit_sampling::uniform_sphere([rng.next_f32(), rng.next_f32()]);
-                // Among others normals around a wall along an axis, and floors.
+                // Among others normals around walls and floors along axes.
                 let n: Vec3f = match i % 4 {
                     0 => vec3(1.0, 0.0, 0.0),
                     1 => vec3(0.0, 0.0, -1.0),
-                    2 => vec3(0.6, 0.8, 0.0),
+                    2 => vec3(0.0, 1.0, 0.0),
                     _ => unit(),
                 };
                 let (turned, wo): (Vec3f, Vec3f) = ((n + unit() * 1e-3).normalize_or_zero(), unit());
@@ -229,6 +231,20 @@ mod tests {
                     assert!((a[k] - b[k]).length() < 0.05, "{domain:?}, {n:?}: {a:?} and {b:?}");
                 }
                 assert!((a[0].cross(a[1]) - a[2]).length() < 1e-5, "{domain:?}, {n:?}: {a:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn frames_around_the_singular_normal_are_orthonormal() {
+        for angle in [0.0, 1e-6, 1e-4, 5e-4, 1e-3, 2e-3, 1e-2, 0.1] {
+            for turn in 0..8 {
+                let (s, c) = (TAU * turn as f32 / 8.0).sin_cos();
+                let sine = f32::sin(angle);
+                let n = vec3(sine * c, -f32::cos(angle), sine * s).normalize_or_zero();
+                let [s, t, _] = with_pair(n);
+                assert!((s.cross(t) - n).length() < 1e-5 && s.dot(t).abs() < 1e-5, "{angle}: {s:?} {t:?}");
+                assert!(s.dot(n).abs() < 1e-5 && t.dot(n).abs() < 1e-5, "{angle}: {s:?} {t:?}");
             }
         }
     }

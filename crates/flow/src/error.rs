@@ -16,9 +16,9 @@ pub enum FlowError {
         /// What it must be.
         rule: &'static str,
     },
-    /// Parameters are NaN or infinite after so many steps of training; those that answer are the ones before.
+    /// Gradients or parameters are NaN or infinite after so many steps of training; the parameters that answer are the ones before.
     #[error(
-        "training diverged: after {steps} steps parameters are NaN or infinite, but must be finite (lower rates help)"
+        "training diverged: after {steps} steps gradients or parameters are NaN or infinite, but must be finite (lower rates help)"
     )]
     Diverged {
         /// Steps of training.

@@ -87,13 +87,13 @@ pub trait Guide {
 /// A guide that learns.
 pub trait Learn: Guide + Sync {
     /// Learns from records, which were made with the directions of the present state; what later answers come from is
-    /// replaced at the end, or at fixed numbers of steps on the way.
+    /// replaced at the end.
     ///
     /// The first call takes the densities of its records as those of the scattering function alone, later ones as those of
     /// its mixture with the guide ([`Guided`]).
     ///
     /// # Errors
-    /// [`FlowError::Step`] where a gradient is not finite.
+    /// [`crate::FlowError::Diverged`] where a gradient or what was learned is not finite; what answers is as before.
     fn learn(&mut self, records: &[Record]) -> Result<(), FlowError>;
 }
 

@@ -379,7 +379,7 @@ impl<'a> Renderer<'a> {
     /// was never stopped.
     ///
     /// # Errors
-    /// If the bytes are damaged, or belong to another scene, guide, camera, or other options (more samples are allowed).
+    /// If there are no `guides`, or the bytes are damaged, or belong to another scene, guide, camera, or other options (more samples are allowed).
     pub fn resume<G: AsRef<str>>(
         &mut self,
         scene: &str,

@@ -270,13 +270,13 @@ impl Guidance {
             over_views(&stage(0)?, &clock, &stop, Lesson::beside, |r| Lesson::walk(r, 1, &ScatteringSampler));
         let Some(first) = first else { return Ok(Self::off()) };
         let mut paths = first.paths;
-        let (lo, hi) = first.bounds();
         let mut state = match options.guiding {
             Guiding::Off => return Ok(Self::off()),
             Guiding::Lobes => Trained::Lobes(LobeGuide::new(options.lobes)),
             Guiding::Flow => {
                 let seed = options.flow.seed ^ one.options().seed;
                 let flow = FlowOptions { seed, ..options.flow };
+                let (lo, hi) = first.bounds();
                 Trained::Flow(Box::new(FlowGuide::new(lo, hi, flow)?))
             }
         };
@@ -315,7 +315,7 @@ impl Guidance {
         self.seconds
     }
 
-    /// Whether there is no guide because what it learned are no numbers.
+    /// Whether there is no guide because its training diverged.
     pub fn has_diverged(&self) -> bool {
         self.diverged
     }
@@ -383,7 +383,7 @@ impl Trained {
         }
     }
 
-    /// Learns from at most `most` useful records; gives their number, or `None` where what is learned are no numbers any more.
+    /// Learns from at most `most` useful records; gives their number, or `None` where training diverges.
     fn learn(&mut self, lesson: Lesson, most: usize) -> Result<Option<u64>, FitError> {
         let records = thinned(lesson.records, most);
         let learned = match self {
@@ -392,7 +392,7 @@ impl Trained {
         };
         match learned {
             Ok(()) => Ok(Some(records.len() as u64)),
-            Err(FlowError::Diverged { .. } | FlowError::Step(_)) => Ok(None),
+            Err(FlowError::Diverged { .. }) => Ok(None),
             Err(e) => Err(e.into()),
         }
     }

@@ -152,7 +152,8 @@ impl<G: Guide> DirectionSampler for Watched<'_, G> {
                 };
                 f64::from(with) / f64::from(without)
             }
-            // Delta lobes, and no direction at all: the scattering function's, for the guides that there are answer everywhere.
+            // Delta lobes, and no direction at all: both are the scattering function's, for guides on the hemisphere and lobes
+            // always have a direction.
             (Some(local), _) => 1.0 - f64::from(self.guide.share(local)),
         };
         self.densities.chosen.set(ratio);

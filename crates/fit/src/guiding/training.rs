@@ -40,9 +40,9 @@ impl Lesson {
         self
     }
 
-    /// A box around the vertices, but for few that are far from all others: what resolves positions in the box would see the others
-    /// as one. It reaches beyond nine tenths of them along each axis by half of the longest side of those; a unit cube without
-    /// any.
+    /// A box around the vertices, but for few that are far from all others: a grid over all of them would see the others as one
+    /// place. It reaches beyond nine tenths of them along each axis by half of the longest side of those, so that it holds all of a room
+    /// and what stands on a floor (what is further away counts as at its border); a unit cube without any.
     pub(super) fn bounds(&self) -> (Vec3f, Vec3f) {
         let along = |axis: usize| {
             let mut values: Vec<f32> = self.records.iter().map(|r| r.query.position[axis]).collect();
@@ -90,7 +90,7 @@ mod tests {
         let far = |i: usize| vec3(0.0, -7.0, if i.is_multiple_of(2) { -1e4 } else { 1e4 });
         let at = |i: usize| if i % 25 == 24 { far(i) } else { near(i) };
         let (lo, hi) = lesson((0..1000).map(at)).bounds();
-        assert!(lo.z > -1.0 && hi.z < 2.0 && lo.x == 0.0 && hi.x == 1.0, "{lo:?} {hi:?}");
+        assert_eq!((lo, hi), (vec3(0.0, -0.5, -0.5), vec3(1.0, 0.0, 1.5)));
         // A floor with few things on it: the box holds these.
         let on_it = |i: usize| vec3((i % 10) as f32, if i.is_multiple_of(40) { 2.0 } else { 0.0 }, 0.0);
         let (lo, hi) = lesson((0..1000).map(on_it)).bounds();

@@ -4,6 +4,7 @@ use super::{FlowGuide, Parameters, SHARE};
 use crate::FlowError;
 use crate::coupling::CONDITION_MAX;
 use crate::guide::{Guide, Record};
+use photofit_optim::OptimError;
 use photofit_sampling::Rng;
 use photofit_scalar::wide::{Kernel, Width, run_up_to};
 use rayon::prelude::*;
@@ -16,6 +17,9 @@ const WEIGHT_MAX: f32 = 20.0;
 /// a share that once is small keeps the flow from learning; Müller et al. 2019.)
 const ALONE: f32 = 0.5;
 
+/// Part of the last step in the mean of the parameters that answers.
+const LATEST: f32 = 0.01;
+
 /// A record as a step needs it.
 #[derive(Clone, Copy)]
 pub(super) struct Example {
@@ -23,6 +27,12 @@ pub(super) struct Example {
     /// The density of the scattering function, and of the integrand over what was sampled.
     pub(super) other: f32,
     weight: f32,
+}
+
+/// Where so many records are cut into batches of at most `most` whose sizes hardly differ: each is as large a step as any other.
+fn cuts(records: usize, most: usize) -> Vec<usize> {
+    let batches = records.div_ceil(most);
+    (0..=batches).map(|k| k * records / batches.max(1)).collect()
 }
 
 /// Gradients of a chunk.
@@ -38,13 +48,11 @@ impl FlowGuide {
         let mut examples: Vec<Example> =
             records.par_iter().filter(|r| r.is_useful()).map(|r| self.example(r)).collect();
         self.began = true;
-        // Batches of one size: each is a step as long as any other.
-        let batches = examples.len().div_ceil(self.options.batch).max(1);
-        let size = examples.len().div_ceil(batches).max(1);
+        let cuts = cuts(examples.len(), self.options.batch);
         for pass in 0..self.options.passes {
             Rng::new(self.options.seed ^ self.steps, 0x0b47 + u64::from(pass)).shuffle(&mut examples);
-            for batch in examples.chunks(size) {
-                self.step(batch)?;
+            for pair in cuts.windows(2) {
+                self.step(&examples[pair[0]..pair[1]])?;
             }
         }
         self.refresh()
@@ -67,11 +75,21 @@ impl FlowGuide {
         }
         let gradient = self.gradient_of(batch, scale);
         let Parameters { network, table } = &mut self.live;
-        self.optimizers[0].step(network, &gradient.network, self.options.rates[0])?;
+        let steps = self.steps;
+        let told = |e| match e {
+            OptimError::NonFiniteGradient { .. } => FlowError::Diverged { steps },
+            e => e.into(),
+        };
+        self.optimizers[0].step(network, &gradient.network, self.options.rates[0]).map_err(told)?;
         if self.options.spatial {
-            self.optimizers[1].step(table, &gradient.table, self.options.rates[1])?;
+            self.optimizers[1].step(table, &gradient.table, self.options.rates[1]).map_err(told)?;
         }
         self.steps += 1;
+        // The first steps of all count less: they are far from what is learned.
+        let part = LATEST.max(2.0 / (self.steps + 1) as f32);
+        for (mean, live) in [(&mut self.mean.network, &*network), (&mut self.mean.table, &*table)] {
+            mean.iter_mut().zip(live).for_each(|(m, v)| *m += part * (v - *m));
+        }
         Ok(())
     }
 
@@ -180,50 +198,53 @@ mod tests {
             let data = records(300, 3);
             let mut guide =
                 trained(FlowOptions { family, bins, ..FlowOptions::default() }, &records(4000, 4));
+            guide.frozen.clone_from(&guide.live);
             let batch: Vec<Example> = data.iter().map(|r| guide.example(r)).collect();
             let gradient = guide.gradient_of(&batch, 0.7);
             let layers = guide.couplings.len();
-            let largest = |g: &[f32], from: usize, n: usize| {
-                let mut order: Vec<usize> = (from..g.len()).collect();
+            let largest = |g: &[f32]| {
+                let mut order: Vec<usize> = (0..g.len()).collect();
                 order.sort_by(|a, b| g[*b].abs().total_cmp(&g[*a].abs()));
-                order.truncate(n);
+                order.truncate(40);
                 order
             };
-            // Weights of the layers, all of the share, and features of positions.
-            let all = (0..).take_while(|k| layers + k < gradient.network.len()).map(|k| (0, layers + k));
-            let weights = largest(&gradient.network[..layers], 0, 40).into_iter().map(|k| (0, k));
-            let places = largest(&gradient.table, 0, 40).into_iter().map(|k| (1, k));
-            let places: Vec<(usize, usize)> = all.chain(weights).chain(places).collect();
-            let scales = [&gradient.network[layers..], &gradient.network[..layers], &gradient.table]
-                .map(|g| g.iter().fold(0.0_f32, |m, v| m.max(v.abs())));
-            for (part, k) in places {
-                let h = 1e-2;
-                let mut at = |offset: f32| {
-                    let own = if part == 0 { &mut guide.frozen.network } else { &mut guide.frozen.table };
-                    let before = own[k];
-                    own[k] += offset;
-                    let found = loss(&guide, &batch, 0.7);
-                    let own = if part == 0 { &mut guide.frozen.network } else { &mut guide.frozen.table };
-                    own[k] = before;
-                    found
-                };
-                let difference = (at(h) - at(-h)) / f64::from(2.0 * h);
-                let (own, scale) = match part {
-                    0 if k >= layers => (gradient.network[k], scales[0]),
-                    0 => (gradient.network[k], scales[1]),
-                    _ => (gradient.table[k], scales[2]),
-                };
-                let off = (f64::from(own) - difference).abs();
-                assert!(off < 0.03 * f64::from(scale), "{family:?}, {part} {k}: {own} and {difference}");
+            let share = (layers..gradient.network.len()).collect();
+            let parts =
+                [(0, share), (0, largest(&gradient.network[..layers])), (1, largest(&gradient.table))];
+            for (k, of) in parts {
+                let own: Vec<f32> = of.iter().map(|i| [&gradient.network, &gradient.table][k][*i]).collect();
+                let scale = own.iter().fold(0.0_f32, |most, g| most.max(g.abs()));
+                for (i, own) in of.into_iter().zip(own) {
+                    let mut at = |offset: f32| {
+                        let Parameters { network, table } = &mut guide.frozen;
+                        let value = &mut [network, table][k][i];
+                        let before = std::mem::replace(value, *value + offset);
+                        let found = loss(&guide, &batch, 0.7);
+                        let Parameters { network, table } = &mut guide.frozen;
+                        [network, table][k][i] = before;
+                        found
+                    };
+                    let h = 1e-2;
+                    let difference = (at(h) - at(-h)) / f64::from(2.0 * h);
+                    let off = (f64::from(own) - difference).abs();
+                    assert!(off < 0.03 * f64::from(scale), "{family:?}, {k} {i}: {own} and {difference}");
+                }
             }
         }
     }
 
     #[test]
     fn batches_are_of_one_size() {
-        let steps =
-            |n: usize| trained(FlowOptions { batch: 100, ..FlowOptions::default() }, &records(n, 3)).steps();
-        assert_eq!([steps(100), steps(101), steps(299), steps(301)], [1, 2, 3, 4]);
+        for (records, most, batches) in
+            [(1, 256, 1), (256, 256, 1), (257, 256, 2), (65_281, 256, 256), (139_810, 256, 547)]
+        {
+            let cuts = cuts(records, most);
+            let sizes: Vec<usize> = cuts.windows(2).map(|c| c[1] - c[0]).collect();
+            assert_eq!((sizes.len(), sizes.iter().sum::<usize>()), (batches, records));
+            let (least, largest) = (sizes.iter().min().unwrap(), sizes.iter().max().unwrap());
+            assert!(*largest <= most && largest - least <= 1, "{records}: {least} to {largest}");
+        }
+        assert_eq!(cuts(0, 256), [0]);
     }
 
     fn bits(g: &Gradient) -> Vec<u32> {

@@ -131,7 +131,7 @@ fn training_lowers_the_cross_entropy_and_every_condition_helps() {
     let hashed = FlowOptions { encoding: Encoding::Hash(Grid::default()), ..options };
     let hashed = trained(hashed, &data).cross_entropy(&held_out);
     assert!(hashed < spatial - 0.1, "hash grid: {hashed}, without positions {spatial}");
-    let rational = FlowOptions { family: Family::Rational, bins: 10, ..options };
+    let rational = FlowOptions { family: Family::Rational, bins: 10, rates: [3e-3, 2e-2], ..options };
     let rational = trained(rational, &data).cross_entropy(&held_out);
     assert!(rational < untrained - 0.8, "rational quadratic: {rational}");
 }
@@ -263,13 +263,13 @@ fn weights_that_are_not_numbers_show() {
             let mut guide = guide(FlowOptions { family, bins, ..FlowOptions::default() });
             guide.learn(&records(1000, 3)).unwrap();
             let before = guide.pdf(&guide.local(&at), at.normal);
-            guide.live.network.fill(bad);
+            guide.mean.network.fill(bad);
             // They are kept from answering ...
             assert!(matches!(guide.refresh(), Err(FlowError::Diverged { .. })));
             let after = guide.pdf(&guide.local(&at), at.normal);
             assert!(after.to_bits() == before.to_bits() && after > 0.0);
             // ... and would give no density and no share that pass for true ones.
-            guide.frozen = guide.live.clone();
+            guide.frozen = guide.mean.clone();
             let local = guide.local(&at);
             assert!(guide.pdf(&local, at.normal).is_nan(), "{family:?}, {bad}");
             let sample = guide.sample(&local, [0.3, 0.6]);
@@ -284,7 +284,15 @@ fn training_that_diverges_is_an_error_and_the_copy_before_answers() {
     let at = query(Vec3f::splat(0.5), 0.4);
     let mut guide = guide(FlowOptions { rates: [f32::MAX, f32::MAX], ..FlowOptions::default() });
     let error = guide.learn(&records(4000, 3)).unwrap_err();
-    assert!(matches!(error, FlowError::Diverged { .. } | FlowError::Step(_)), "{error}");
+    assert!(matches!(error, FlowError::Diverged { .. }), "{error}");
+    // A rate outside its range is no divergence.
+    let mut wrong = FlowGuide::new(
+        Vec3f::zero(),
+        Vec3f::splat(1.0),
+        FlowOptions { rates: [-1.0, 0.1], ..FlowOptions::default() },
+    )
+    .unwrap();
+    assert!(matches!(wrong.learn(&records(4000, 3)).unwrap_err(), FlowError::Step(_)));
     let pdf = guide.pdf(&guide.local(&at), at.normal);
     assert!(pdf > 0.0 && pdf.is_finite(), "{pdf}");
 }

@@ -8,8 +8,7 @@ const MAGIC: &[u8; 8] = b"PFPATH04";
 impl Film {
     /// All sums and counts; `keys` name what is rendered, part by part.
     pub(crate) fn to_bytes(&self, keys: &[Key]) -> Vec<u8> {
-        let mut out =
-            Vec::with_capacity(64 + self.tiles.len() * (16 + 8 * self.stride * super::TILE * super::TILE));
+        let mut out = Vec::with_capacity(self.state_bytes(keys.len()));
         out.extend_from_slice(MAGIC);
         let shape = [self.width, self.height, self.stride, self.tiles.len()].map(|n| n as u64);
         for n in keys.iter().map(|k| k.sum).chain(shape) {
