@@ -24,7 +24,7 @@ pub enum FlowError {
         /// Steps of training.
         steps: u64,
     },
-    /// A step of training failed; parameters are unchanged.
+    /// A step of training failed; the parameters that answer are unchanged.
     #[error(transparent)]
     Step(#[from] OptimError),
 }

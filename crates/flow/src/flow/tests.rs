@@ -21,8 +21,8 @@ fn query(p: Vec3f, theta: f32) -> Query {
 #[test]
 fn densities_of_random_weights_integrate_to_one() {
     for domain in DOMAINS {
-        for (family, bins) in [(Family::Quadratic, 15), (Family::Rational, 10)] {
-            let mut guide = guide(FlowOptions { domain, family, bins, ..FlowOptions::default() });
+        for family in [Family::Quadratic, Family::Rational] {
+            let mut guide = guide(FlowOptions { domain, ..FlowOptions::of(family) });
             guide.randomize(0.25, 5);
             let local = guide.local(&query(vec3(0.2, 0.7, 0.4), 0.6));
             let n = 600;
@@ -123,7 +123,7 @@ fn training_lowers_the_cross_entropy_and_every_condition_helps() {
     let options = FlowOptions { passes: 2, ..FlowOptions::default() };
     let untrained = guide(options).cross_entropy(&held_out);
     let full = trained(options, &data).cross_entropy(&held_out);
-    assert!(full < untrained - 0.8, "{untrained} -> {full}");
+    assert!(full < untrained - 0.95, "{untrained} -> {full}");
     let spatial = trained(FlowOptions { spatial: false, ..options }, &data).cross_entropy(&held_out);
     let directional = trained(FlowOptions { directional: false, ..options }, &data).cross_entropy(&held_out);
     assert!(spatial > full + 0.1, "without positions {spatial}, with {full}");
@@ -131,7 +131,7 @@ fn training_lowers_the_cross_entropy_and_every_condition_helps() {
     let hashed = FlowOptions { encoding: Encoding::Hash(Grid::default()), ..options };
     let hashed = trained(hashed, &data).cross_entropy(&held_out);
     assert!(hashed < spatial - 0.1, "hash grid: {hashed}, without positions {spatial}");
-    let rational = FlowOptions { family: Family::Rational, bins: 10, rates: [3e-3, 2e-2], ..options };
+    let rational = FlowOptions { passes: 2, ..FlowOptions::of(Family::Rational) };
     let rational = trained(rational, &data).cross_entropy(&held_out);
     assert!(rational < untrained - 0.8, "rational quadratic: {rational}");
 }
@@ -162,7 +162,7 @@ fn training_is_the_same_for_any_number_of_threads() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let guide = pool.install(|| trained(FlowOptions::default(), &data));
         let local = guide.local(&query(vec3(0.2, 0.7, 0.4), 0.6));
-        (guide.live.network, guide.live.table, local.share.to_bits())
+        (guide.frozen.network, guide.frozen.table, local.share.to_bits())
     };
     assert!(bits(1) == bits(3), "other bits with other threads");
 }
@@ -258,9 +258,9 @@ fn extreme_records_leave_a_usable_guide() {
 #[test]
 fn weights_that_are_not_numbers_show() {
     let at = query(Vec3f::splat(0.5), 0.4);
-    for (family, bins) in [(Family::Quadratic, 15), (Family::Rational, 10)] {
+    for family in [Family::Quadratic, Family::Rational] {
         for bad in [f32::NAN, f32::INFINITY] {
-            let mut guide = guide(FlowOptions { family, bins, ..FlowOptions::default() });
+            let mut guide = guide(FlowOptions::of(family));
             guide.learn(&records(1000, 3)).unwrap();
             let before = guide.pdf(&guide.local(&at), at.normal);
             guide.mean.network.fill(bad);
@@ -282,19 +282,12 @@ fn weights_that_are_not_numbers_show() {
 #[test]
 fn training_that_diverges_is_an_error_and_the_copy_before_answers() {
     let at = query(Vec3f::splat(0.5), 0.4);
-    let mut guide = guide(FlowOptions { rates: [f32::MAX, f32::MAX], ..FlowOptions::default() });
+    let [mut guide, untrained] =
+        [(); 2].map(|()| guide(FlowOptions { rates: [f32::MAX, f32::MAX], ..FlowOptions::default() }));
     let error = guide.learn(&records(4000, 3)).unwrap_err();
     assert!(matches!(error, FlowError::Diverged { .. }), "{error}");
-    // A rate outside its range is no divergence.
-    let mut wrong = FlowGuide::new(
-        Vec3f::zero(),
-        Vec3f::splat(1.0),
-        FlowOptions { rates: [-1.0, 0.1], ..FlowOptions::default() },
-    )
-    .unwrap();
-    assert!(matches!(wrong.learn(&records(4000, 3)).unwrap_err(), FlowError::Step(_)));
-    let pdf = guide.pdf(&guide.local(&at), at.normal);
-    assert!(pdf > 0.0 && pdf.is_finite(), "{pdf}");
+    let pdf = |guide: &FlowGuide| guide.pdf(&guide.local(&at), at.normal).to_bits();
+    assert_eq!(pdf(&guide), pdf(&untrained));
 }
 
 #[test]
@@ -308,6 +301,8 @@ fn settings_outside_their_ranges_are_refused() {
         FlowOptions { encoding: Encoding::Hash(Grid { levels: 20, ..grid }), ..FlowOptions::default() },
         FlowOptions { encoding: Encoding::Tensor(Tensor { nodes: 1 }), ..FlowOptions::default() },
         FlowOptions { batch: 0, ..FlowOptions::default() },
+        FlowOptions { rates: [-1.0, 0.1], ..FlowOptions::default() },
+        FlowOptions { rates: [0.1, f32::NAN], ..FlowOptions::default() },
     ] {
         let error = FlowGuide::new(Vec3f::zero(), Vec3f::splat(1.0), options).unwrap_err();
         assert!(

@@ -23,7 +23,7 @@ pub(crate) fn run(ctx: &mut Context) -> Result<()> {
     pool.install(|| {
         let plain = FlowOptions::default();
         parts(ctx, plain);
-        let rational = FlowOptions { family: Family::Rational, bins: 10, ..plain };
+        let rational = FlowOptions::of(Family::Rational);
         for (name, options) in [
             ("flow, 15 bins", plain),
             ("flow, hash grid", FlowOptions { encoding: Encoding::Hash(Grid::default()), ..plain }),
