@@ -29,8 +29,8 @@ const ALPHA_MIN: f32 = 1e-3;
 const SINGULAR: Vec3f = vec3(0.0, -1.0, 0.0);
 /// An axis across it.
 const ACROSS: Vec3f = vec3(1.0, 0.0, 0.0);
-/// Cosine to the singular normal up to which frames do not turn around it, less 1: that of 11 degrees, within which normal
-/// maps bend ceilings.
+/// 1 less the cosine to the singular normal, below which frames do not turn around it: 11 degrees, within which normal maps
+/// bend ceilings.
 const CAP: f32 = 0.02;
 
 /// The frame of a vertex and what maps need of it.
@@ -247,6 +247,10 @@ mod tests {
                 let n = vec3(sine * c, -f32::cos(angle), sine * s).normalize_or_zero();
                 let [s, t, _] = with_pair(n);
                 assert!((s.cross(t) - n).length() < 1e-5 && s.dot(t).abs() < 1e-5, "{angle}: {s:?} {t:?}");
+                assert!(
+                    angle > 0.2 || (s - ACROSS).length() < 0.21,
+                    "within the cap it hardly turns: {angle}, {s:?}"
+                );
                 assert!(s.dot(n).abs() < 1e-5 && t.dot(n).abs() < 1e-5, "{angle}: {s:?} {t:?}");
             }
         }
