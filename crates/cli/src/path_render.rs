@@ -100,8 +100,7 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, view: &View, key: &
         value["camera"] = camera::to_json(view, a.width(), a.height());
         output::write_json(file, &value)?;
     }
-    let spp = renderer.progress().samples as f64 / (f64::from(a.width()) * f64::from(a.height()));
-    print(&render::summary(a, spp.round() as usize, began))?;
+    print(&render::summary(a, per_pixel(a, &progress).round() as usize, began))?;
     if finished && !a.is_mitsuba() {
         render::warn_unseen(&a.input, &renderer.picture());
     }
@@ -109,8 +108,7 @@ pub(crate) fn finish(a: &Render, mut renderer: Renderer<'_>, view: &View, key: &
         say(&not_finite_told(progress.not_finite));
     }
     if progress.unsampled > 0 {
-        let pixels = u64::from(a.width()) * u64::from(a.height());
-        say(&format!("{} of {pixels} pixels have no sample", progress.unsampled));
+        say(&format!("{} of {} pixels have no sample", progress.unsampled, pixels(a)));
     }
     let stopped = !finished && interrupt::is_stopping();
     Ok(if stopped { Ending::Stopped } else { Ending::Done })
@@ -139,7 +137,7 @@ fn figures(
         "integrator": "path",
         "width": a.width(),
         "height": a.height(),
-        "spp": progress.samples as f64 / (f64::from(a.width()) * f64::from(a.height())),
+        "spp": per_pixel(a, &progress),
         "noise": progress.noise.is_finite().then_some(progress.noise),
         "max_depth": a.path.max_depth.unwrap_or(DEPTH),
         "seed": a.path.seed.unwrap_or(0),
@@ -438,9 +436,19 @@ fn work(
     }
 }
 
+/// Pixels of the picture.
+fn pixels(a: &Render) -> u64 {
+    u64::from(a.width()) * u64::from(a.height())
+}
+
+/// Samples of a pixel, on average.
+fn per_pixel(a: &Render, progress: &Progress) -> f64 {
+    progress.samples as f64 / pixels(a) as f64
+}
+
 /// Progress against samples, or against time where that is what ends the render.
 fn report(terminal: &Terminal, a: &Render, progress: &Progress, began: Instant) {
-    let spp = progress.samples as f64 / (f64::from(a.width()) * f64::from(a.height()));
+    let spp = per_pixel(a, progress);
     let note = if progress.noise.is_finite() {
         format!("{spp:.0} spp, noise {:.3}", progress.noise)
     } else {
@@ -473,7 +481,7 @@ fn write(a: &Render, renderer: &Renderer<'_>) -> Result<()> {
     let mut layers: Vec<(&str, &Image, &[&str])> = vec![("", &picture, &["R", "G", "B", "A"])];
     layers.extend(images.iter().map(|(aov, image)| (aov.name(), image, aov.channels())));
     let progress = renderer.progress();
-    let spp = progress.samples as f64 / (f64::from(a.width()) * f64::from(a.height()));
+    let spp = per_pixel(a, &progress);
     let (spp, noise) = (format!("{spp:.2}"), format!("{:.6}", progress.noise));
     let (seed, depth) = (a.path.seed.unwrap_or(0).to_string(), a.path.max_depth.unwrap_or(DEPTH).to_string());
     let metadata = [

@@ -1,13 +1,9 @@
 //! `render`, `compare` and `inspect`.
 
-use crate::support::{assert_one_error, names, photofit, rock, stderr, stdout, succeeds, write_rock};
+use crate::support::{
+    assert_one_error, names, photofit, read_json, rock, stderr, stdout, succeeds, write_rock,
+};
 use photofit_scene::{Clearcoat, Extensions, LightKind, PunctualLight};
-use serde_json::Value;
-use std::path::Path;
-
-fn json(path: &Path) -> Value {
-    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
-}
 
 #[test]
 fn pictures_have_the_size_light_and_background_asked_for() {
@@ -50,7 +46,7 @@ fn images_and_assets_are_compared() {
     let compare = |a: &str, b: &str, more: &[&str]| {
         let o = succeeds(d, &[&["compare", a, b, "--json", "c.json"][..], more].concat());
         assert!(stdout(&o).contains("PSNR"));
-        json(&d.join("c.json"))
+        read_json(&d.join("c.json"))
     };
     let figures = compare("a.png", "b.png", &["--heatmap", "heat.png"]);
     assert_eq!(photofit_image::read(d.join("heat.png")).unwrap().width, 64);
@@ -89,7 +85,7 @@ fn inspect_tells_contents_and_plan() {
     ] {
         assert!(text.contains(part), "{part} in {text}");
     }
-    let i = json(&d.join("i.json"));
+    let i = read_json(&d.join("i.json"));
     assert_eq!(i["triangles"], 320);
     assert_eq!(i["images"][0]["width"], 16);
     assert!(i["memory"]["geometry"].as_u64().unwrap() > 320 * 12);
@@ -114,7 +110,7 @@ fn inspect_tells_what_the_file_has() {
         let text = stdout(&succeeds(d, &["inspect", "a.obj", "--json", "i.json"]));
         assert_eq!(text.contains("; normals\n"), given, "{text}");
         assert_eq!(text.contains("uv 0, normals are computed\n"), !given, "{text}");
-        let of = &json(&d.join("i.json"))["primitives"][0];
+        let of = &read_json(&d.join("i.json"))["primitives"][0];
         assert_eq!(of["computed_normals"], !given, "{of}");
         assert_eq!(
             of["attributes"],
@@ -149,7 +145,7 @@ fn inspect_tells_what_the_file_has() {
         text.contains("skin 0 \"body\": 1 joint\n") && text.contains("; normals are computed\n"),
         "{text}"
     );
-    assert_eq!(json(&d.join("i.json"))["skins"], serde_json::json!([{ "name": "body", "joints": 1 }]));
+    assert_eq!(read_json(&d.join("i.json"))["skins"], serde_json::json!([{ "name": "body", "joints": 1 }]));
 }
 
 #[test]
@@ -175,7 +171,7 @@ fn inspect_lists_extensions_and_lights() {
         assert!(text.contains(part), "{part} in {text}");
     }
     assert!(!text.contains("path tracer only"), "what a fit does with each is told by its plan: {text}");
-    let i = json(&d.join("i.json"));
+    let i = read_json(&d.join("i.json"));
     assert_eq!(i["materials"][0]["extensions"], serde_json::json!(["ior", "clearcoat"]));
     assert_eq!(i["lights"][0]["kind"], "point");
 }
@@ -205,7 +201,7 @@ fn the_rasterizer_takes_cameras_and_threads_and_tells_its_camera() {
     assert!(bytes("a.exr") == bytes("b.exr"), "the same for any number of threads");
     let o = render(&["-o", "c.exr", "--json", "c.json", "--integrator", "path", "--spp", "16"]);
     assert!(stdout(&o).contains("wrote c.exr: 48 x 32 pixels, 16 samples each"), "{}", stdout(&o));
-    let (raster, path) = (json(&d.join("a.json")), json(&d.join("c.json")));
+    let (raster, path) = (read_json(&d.join("a.json")), read_json(&d.join("c.json")));
     assert_eq!((&raster["camera"], raster["threads"].as_u64()), (&path["camera"], Some(1)));
     for (k, x) in [0.5, 0.25, 4.0].into_iter().enumerate() {
         let told = raster["camera"]["transform_matrix"][k][3].as_f64().unwrap();
@@ -233,7 +229,7 @@ fn comparing_assets_tells_small_errors_caps_and_warnings() {
     let line = ["compare", "a.glb", "b.glb", "--views", "2", "--resolution", "64", "--json", "f.json"];
     let o = succeeds(d, &line);
     assert!(stdout(&o).contains("60 or more"), "{}", stdout(&o));
-    let f = json(&d.join("f.json"));
+    let f = read_json(&d.join("f.json"));
     let rmse = f["rmse"].as_f64().unwrap();
     assert!(rmse > 1e-6 && rmse < 9e-4, "less than 60 dB can say: {f}");
     std::fs::write(d.join("c.mtl"), "newmtl m\nNs many\n").unwrap();

@@ -1,7 +1,7 @@
 //! `denoise`: layers, sequences, figures, refusals.
 
 use crate::support::{
-    assert_misuse, assert_one_error, names, photofit, stderr, stdout, succeeds, write_rock,
+    assert_misuse, assert_one_error, names, photofit, read_json, stderr, stdout, succeeds, write_rock,
 };
 use photofit_denoise::mc::synthetic::SyntheticFrame;
 use photofit_image::{Image, read, rmse, srgb_decode, write_exr, write_png};
@@ -32,10 +32,6 @@ fn write(path: &Path, layers: &[(&str, &[f32], &[&str])]) {
 const RGB: &[&str] = &["R", "G", "B"];
 const XYZ: &[&str] = &["X", "Y", "Z"];
 
-fn json_file(path: &Path) -> Value {
-    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
-}
-
 #[test]
 fn layers_of_one_file_are_found_and_figures_written() {
     let dir = tempfile::tempdir().unwrap();
@@ -58,7 +54,7 @@ fn layers_of_one_file_are_found_and_figures_written() {
             d,
             &[&["denoise", "all.exr", "--compare", "ref.exr", "--json", "a.json"][..], more].concat(),
         );
-        (stdout(&o), json_file(&d.join("a.json")))
+        (stdout(&o), read_json(&d.join("a.json")))
     };
     let (text, auto) = run(&["-o", "out.exr", "--explain"]);
     for word in ["normal", "skipped", "regression", "denoised", "out.exr", "layer albedo"] {
@@ -96,10 +92,10 @@ fn layers_of_one_file_are_found_and_figures_written() {
         &[&single[..], &["--albedo", "albedo.exr", "--normal", "normal.exr", "--position", "position.exr"]]
             .concat(),
     );
-    let guided = figure(&json_file(&d.join("s.json")), "psnr");
+    let guided = figure(&read_json(&d.join("s.json")), "psnr");
     assert!((guided - figure(&auto, "psnr")).abs() < 1e-6, "the depth adds nothing to the position");
     succeeds(d, &single);
-    assert!(figure(&json_file(&d.join("s.json")), "psnr") < guided - 1.0);
+    assert!(figure(&read_json(&d.join("s.json")), "psnr") < guided - 1.0);
 }
 
 #[test]
@@ -164,7 +160,7 @@ fn sequences_and_halves_lower_the_error() {
     let psnr = |more: &[&str]| {
         let o = ["denoise", "room_003.exr", "-o", "o.exr", "--compare", "ref.exr", "--json", "o.json"];
         succeeds(d, &[&o[..], more].concat());
-        json_file(&d.join("o.json"))["psnr"].as_f64().unwrap()
+        read_json(&d.join("o.json"))["psnr"].as_f64().unwrap()
     };
     let one = psnr(&[]);
     let four = psnr(&["--sequence", "cameras.json"]);
@@ -283,7 +279,7 @@ fn own_renders_are_denoised_from_one_file() {
         for layer in ["albedo", "normal", "depth", "position", "variance"] {
             assert!(text.contains(&format!("{layer} from noisy.exr, layer {layer}")), "{layer}: {text}");
         }
-        let j = json_file(&d.join("a.json"));
+        let j = read_json(&d.join("a.json"));
         let (noisy, clean) = (j["noisy"]["psnr"].as_f64().unwrap(), j["psnr"].as_f64().unwrap());
         assert!(
             clean > noisy + if spp == "1" { 1.0 } else { -1.0 },
@@ -342,7 +338,7 @@ fn bad_input_is_named() {
     // Holes are no error: they are filled and counted.
     let text = stdout(&succeeds(d, &["denoise", "c.exr", "-o", "o.exr", "--json", "o.json"]));
     assert!(text.contains("2 pixels with NaN or infinity"), "{text}");
-    assert_eq!(json_file(&d.join("o.json"))["holes"], json!(2));
+    assert_eq!(read_json(&d.join("o.json"))["holes"], json!(2));
     assert!(read(d.join("o.exr")).unwrap().is_finite());
 }
 
@@ -371,7 +367,7 @@ fn a_device_gives_what_the_cpu_gives_or_is_refused() {
         let text = stdout(&succeeds(d, &o));
         (
             text,
-            json_file(&d.join("o.json"))["device"].as_str().unwrap().to_owned(),
+            read_json(&d.join("o.json"))["device"].as_str().unwrap().to_owned(),
             read(d.join(out)).unwrap(),
         )
     };

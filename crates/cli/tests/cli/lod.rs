@@ -1,6 +1,8 @@
 //! Chains of levels of detail.
 
-use crate::support::{assert_misuse, command, names, photofit, stderr, stdout, succeeds, write_rock};
+use crate::support::{
+    assert_misuse, command, names, photofit, read_json, stderr, stdout, succeeds, write_rock,
+};
 use serde_json::Value;
 use std::path::Path;
 use std::process::Stdio;
@@ -11,10 +13,6 @@ fn chain<'a>(output: &'a str, more: &[&'a str]) -> Vec<&'a str> {
     all.extend(["--lod-triangles", "300,100,64"]);
     all.extend(more);
     all
-}
-
-fn json(path: &Path) -> Value {
-    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
 
 #[test]
@@ -29,7 +27,7 @@ fn a_chain_in_one_command() {
     assert_eq!(names(d), [&files[..], &["rock.glb"]].concat());
     assert_eq!(names(&d.join("c")), ["fit.ckpt", "part1", "part2"]);
     assert!(d.join("r/index.html").exists() && d.join("r/lod2/index.html").exists());
-    let (summary, all) = (json(&d.join("out.lods.json")), json(&d.join("f.json")));
+    let (summary, all) = (read_json(&d.join("out.lods.json")), read_json(&d.join("f.json")));
     let levels = summary["levels"].as_array().unwrap();
     assert_eq!((levels.len(), all["levels"].as_array().unwrap().len()), (3, 3));
     for (k, level) in levels.iter().enumerate() {
@@ -55,14 +53,14 @@ fn a_continuous_chain_has_targets_that_inspect_shows() {
     let more = ["--steps", "4", "--continuous", "--msft-lod", "--compress", "meshopt", "--json", "f.json"];
     let o = succeeds(d, &chain("out.glb", &more));
     assert!(stdout(&o).contains("turns into lod1 from 48 to 34 pixels"), "{}", stdout(&o));
-    let (summary, all) = (json(&d.join("out.lods.json")), json(&d.join("f.json")));
+    let (summary, all) = (read_json(&d.join("out.lods.json")), read_json(&d.join("f.json")));
     for (k, level) in summary["levels"].as_array().unwrap().iter().enumerate() {
         let blend = &level["blend"];
         assert_eq!(*blend, all["levels"][k]["blend"]);
         let file = d.join(level["file"].as_str().unwrap());
         assert_eq!(level["bytes"].as_u64(), Some(std::fs::metadata(&file).unwrap().len()));
         let told = stdout(&succeeds(d, &["inspect", level["file"].as_str().unwrap(), "--json", "i.json"]));
-        let inspected = json(&d.join("i.json"));
+        let inspected = read_json(&d.join("i.json"));
         if k == 2 {
             assert!(blend.is_null() && !told.contains("morph target"), "{told}");
             assert_eq!(inspected["morph_targets"], serde_json::json!([]));
@@ -99,7 +97,7 @@ fn continuous_chains_go_with_what_else_levels_have() {
         let level = photofit_scene::load(d.join("out.glb")).unwrap();
         let meshes = &level.hierarchy.as_ref().unwrap().meshes;
         assert!(!meshes.is_empty() && meshes.iter().all(|m| m.targets() == 1), "{more:?}");
-        let blend = &json(&d.join("out.lods.json"))["levels"][0]["blend"];
+        let blend = &read_json(&d.join("out.lods.json"))["levels"][0]["blend"];
         let mean = |when: &str| blend[when]["mean"].as_f64().unwrap();
         assert!(mean("distance_weight_1") < mean("distance_weight_0"), "{more:?}: {blend}");
     }
@@ -176,7 +174,7 @@ fn small_budgets_are_told_and_an_older_summary_stays_until_a_level_is_written() 
         stderr(&o).lines().filter(|l| l.starts_with("warning")).map(str::to_owned).collect();
     assert_eq!(told.len(), 1, "{told:?}");
     assert!(told[0].contains("level 2 of 2: a budget of 5 triangles is hardly a shape"), "{told:?}");
-    assert_eq!(json(&d.join("out.lods.json"))["levels"].as_array().unwrap().len(), 2);
+    assert_eq!(read_json(&d.join("out.lods.json"))["levels"].as_array().unwrap().len(), 2);
 }
 
 #[cfg(unix)]
@@ -197,7 +195,7 @@ fn ctrl_c_keeps_the_levels_that_were_reached() {
     assert!(sent.success());
     let o = child.wait_with_output().unwrap();
     assert_eq!(o.status.code(), Some(3), "{}", stderr(&o));
-    let summary = json(&d.join("out.lods.json"));
+    let summary = read_json(&d.join("out.lods.json"));
     assert_eq!(summary["stopped"], true);
     assert_eq!(summary["levels"].as_array().unwrap().len(), 1, "{summary}");
     assert!(!d.join("out.lod1.glb").exists());

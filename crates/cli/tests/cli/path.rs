@@ -1,8 +1,8 @@
 //! `render --integrator path`.
 
 use crate::support::{
-    assert_misuse, assert_one_error, command, names, photofit, rock, stderr, stdout, succeeds, until,
-    write_rock,
+    assert_misuse, assert_one_error, command, names, photofit, read_json, rock, stderr, stdout, succeeds,
+    until, write_rock,
 };
 use photofit_image::Image;
 use photofit_scene::{Extensions, Sheen};
@@ -74,8 +74,7 @@ fn the_plan_of_guided_paths_tells_what_they_run() {
     let guide_line = |name: &str| guided.lines().find(|l| l.trim().starts_with(name)).expect("a line");
     assert!(guide_line("alpha tests").contains("idle: every surface is opaque"), "{text}");
     assert!(guide_line("media").contains("skipped: there are no volumes"), "{text}");
-    let figures: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(d.join("a.json")).unwrap()).unwrap();
+    let figures = read_json(&d.join("a.json"));
     let used = figures["guide"]["used"].as_bool().expect("a guide was trained");
     let line = if used { "as these paths" } else { "alpha tests            skipped" };
     assert!(rest.contains(line), "{used}: {text}");
@@ -120,7 +119,7 @@ fn a_guided_render_goes_on_to_the_same_bits() {
         succeeds(d, &line("cut.exr", &["--resume", "--threads", "1", "--json", "f.json"]));
         let bytes = |name: &str| std::fs::read(d.join(name)).unwrap();
         assert!(bytes("whole.exr") == bytes("cut.exr"), "{guide}: the same file to the bit");
-        let figures: serde_json::Value = serde_json::from_slice(&bytes("f.json")).unwrap();
+        let figures = read_json(&d.join("f.json"));
         assert_eq!((&figures["guide"]["used"], &figures["guide"]["rounds"]), (&true.into(), &rounds.into()));
         assert!(figures["training_seconds"].as_f64().unwrap() > 0.0);
         let told = figures["guide"]["told"].as_str().expect("a sentence");
@@ -139,9 +138,8 @@ fn a_guide_that_was_given_up_is_off_when_the_render_goes_on() {
     let given_up = |k: i32| {
         let limit = (0.002 * 2_f64.powi(k)).to_string();
         let o = photofit(d, &[&line[..], &["--spp", "1000000", "--time-limit", &limit]].concat());
-        let figures = || std::fs::read(d.join("a.json")).unwrap();
-        let json = || serde_json::from_slice::<serde_json::Value>(&figures()).unwrap();
-        o.status.success() && json()["guide"].is_null() && json()["training_seconds"] != 0.0
+        let figures = || read_json(&d.join("a.json"));
+        o.status.success() && figures()["guide"].is_null() && figures()["training_seconds"] != 0.0
     };
     assert!((0..12).any(given_up), "no limit ended training alone");
     let more = ["--spp", "1000000", "--time-limit", "0.3", "--resume"];
@@ -160,8 +158,10 @@ fn pixels_without_a_sample_are_told() {
         let limit = (0.001 * 2_f64.powi(k)).to_string();
         let more = ["-o", "a.png", "--json", "a.json", "--spp", "1", "--time-limit", &limit];
         let o = photofit(d, &[&line[..], &more].concat());
-        let Ok(bytes) = std::fs::read(d.join("a.json")) else { return false };
-        let figures: serde_json::Value = serde_json::from_slice(&bytes).unwrap();
+        if !d.join("a.json").exists() {
+            return false;
+        }
+        let figures = read_json(&d.join("a.json"));
         let unsampled = figures["unsampled"].as_u64().unwrap();
         let samples = figures["samples"].as_u64().unwrap();
         assert_eq!(unsampled + samples, 240_000, "a sample a pixel at most");
@@ -182,8 +182,7 @@ fn noise_and_time_end_a_render() {
         layers.into_iter().find(|l| l.0 == "samples").unwrap().1.data
     };
     render(d, "noise.exr", &["--noise", "0.1", "--aov", "samples", "--json", "noise.json"]);
-    let figures: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(d.join("noise.json")).unwrap()).unwrap();
+    let figures = read_json(&d.join("noise.json"));
     assert!(figures["noise"].as_f64().is_some_and(|n| n <= 0.1), "{figures}");
     assert_eq!((&figures["finished"], &figures["width"]), (&true.into(), &48.into()));
     let n = samples("noise.exr");

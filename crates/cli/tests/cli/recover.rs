@@ -1,6 +1,8 @@
 //! Textures from pictures: what is refused, with which words. The job itself is tested in `photofit-fit`.
 
-use crate::support::{assert_misuse, assert_one_error, photofit, rock, stderr, stdout, succeeds, write_rock};
+use crate::support::{
+    assert_misuse, assert_one_error, photofit, read_json, rock, stderr, stdout, succeeds, write_rock,
+};
 use photofit_scene::{Camera, Hierarchy, Node, NodeMesh, NodePrimitive, Placement};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -46,7 +48,7 @@ fn photograph(d: &Path) -> Value {
         let (azimuth, elevation) = ((30 * k).to_string(), if k.is_multiple_of(2) { "20" } else { "-20" });
         let line = ["render", "rock.glb", "-o", &picture, "--json", &figures, "--azimuth", &azimuth];
         succeeds(d, &[&line[..], &["--elevation", elevation, "--width", "48", "--height", "48"]].concat());
-        let figures: Value = serde_json::from_slice(&std::fs::read(d.join(&figures)).unwrap()).unwrap();
+        let figures = read_json(&d.join(&figures));
         let mut frame = figures["camera"].clone();
         frame["file_path"] = json!(format!("{k}.exr"));
         frame["lights"] = figures["lights"].clone();
@@ -70,7 +72,7 @@ fn rendered_pictures_are_recovered_and_useless_ones_are_told() {
     assert_page(&d.join("r"), &["rock.glb from pictures", "recovered", "known lights"]);
     assert!(stdout(&o).contains("wrote r/index.html"), "{}", stdout(&o));
     assert!(!stderr(&o).contains("warning"), "{}", stderr(&o));
-    let f: Value = serde_json::from_slice(&std::fs::read(d.join("f.json")).unwrap()).unwrap();
+    let f = read_json(&d.join("f.json"));
     let psnr = |stage: &str| f[stage]["psnr"].as_f64().unwrap();
     assert_eq!(f["lit"], true);
     assert!(psnr("recovered") > psnr("start") + 10.0, "{f}");
@@ -94,7 +96,7 @@ fn a_shape_is_recovered_from_pictures_of_itself_and_what_cannot_be_is_refused() 
     let o = succeeds(d, &[&line[..], &small[..], &more].concat());
     assert_page(&d.join("r"), &["out.glb from pictures", "recovered", "held out"]);
     assert!(stdout(&o).contains("of the bounding radius away on average"), "{}", stdout(&o));
-    let f: Value = serde_json::from_slice(&std::fs::read(d.join("f.json")).unwrap()).unwrap();
+    let f = read_json(&d.join("f.json"));
     let mean = |k: &str| f["shape_error"][k]["mean_percent"].as_f64().unwrap();
     assert!(mean("last") < 0.5 * mean("first"), "{f}");
     assert!(f["loss"]["last"].as_f64().unwrap() < f["loss"]["first"].as_f64().unwrap(), "{f}");
@@ -152,7 +154,7 @@ fn what_a_painted_asset_does_not_keep_is_told() {
     let o = succeeds(d, &[&line[..], &["--texture-size", "16", "--steps", "1"]].concat());
     let lost = "1 name of nodes and meshes";
     assert!(stderr(&o).contains(&format!("warning: rock.glb: left out: {lost}")), "{}", stderr(&o));
-    let f: Value = serde_json::from_slice(&std::fs::read(d.join("f.json")).unwrap()).unwrap();
+    let f = read_json(&d.join("f.json"));
     assert_eq!(f["left_out"], json!([lost]));
     let written = photofit_scene::load(d.join("out.glb")).unwrap();
     assert_eq!((written.cameras.len(), written.about.copyright.as_str()), (1, "2026 A. Painter"));

@@ -1,7 +1,8 @@
 //! `photofit recover material`: what it writes, stopping and resuming, folders of pictures, what is refused.
 
 use crate::support::{
-    assert_misuse, assert_one_error, names, of_mesh, photofit, stderr, stdout, succeeds, write_rock,
+    assert_misuse, assert_one_error, names, of_mesh, photofit, read_json, stderr, stdout, succeeds,
+    write_rock,
 };
 use photofit_geometry::shapes::parallelogram;
 use photofit_image::Image;
@@ -11,7 +12,7 @@ use serde_json::{Value, json};
 use std::path::Path;
 
 fn figures(folder: &Path) -> Value {
-    serde_json::from_slice(&std::fs::read(folder.join("values.json")).unwrap()).unwrap()
+    read_json(&folder.join("values.json"))
 }
 
 #[test]
@@ -114,7 +115,7 @@ fn what_cannot_be_used_is_refused_in_one_line() {
     assert_one_error(&run(&[]), "no lens", &["transforms.json", "frame 0", "camera_angle_x"]);
     write_pictures(d, &json!({ "camera_angle_x": 0.7 }));
     let list = d.join("pictures/transforms.json");
-    let whole: Value = serde_json::from_slice(&std::fs::read(&list).unwrap()).unwrap();
+    let whole = read_json(&list);
     for (what, change, parts) in [
         ("no frames", json!([]), &["transforms.json", "0 frames", "at least 1"][..]),
         ("no camera", json!([{ "file_path": "0.exr" }]), &["transforms.json", "transform_matrix"]),

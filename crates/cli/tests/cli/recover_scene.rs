@@ -1,6 +1,6 @@
 //! `photofit recover scene`: what it writes, stopping and resuming, several pictures, what is refused.
 
-use crate::support::{assert_misuse, assert_one_error, photofit, rock, stderr, stdout, succeeds};
+use crate::support::{assert_misuse, assert_one_error, photofit, read_json, rock, stderr, stdout, succeeds};
 use photofit_image::Image;
 use photofit_scene::{Camera, TextureSlot};
 use serde_json::Value;
@@ -24,7 +24,7 @@ fn scene(reflectance: &str, radiance: &str) -> String {
 }
 
 fn figures(folder: &Path) -> Value {
-    serde_json::from_str(&std::fs::read_to_string(folder.join("values.json")).unwrap()).unwrap()
+    read_json(&folder.join("values.json"))
 }
 
 const WHITE: [&str; 2] = ["--parameter", "white.reflectance.value"];

@@ -1,6 +1,6 @@
 //! `photofit recover volume`: what it writes, stopping and resuming, pictures with lights, what is refused.
 
-use crate::support::{assert_misuse, assert_one_error, photofit, stderr, stdout, succeeds};
+use crate::support::{assert_misuse, assert_one_error, photofit, read_json, stderr, stdout, succeeds};
 use photofit_image::Image;
 use photofit_scene::mitsuba::{encode_grid, parse_grid};
 use serde_json::{Value, json};
@@ -22,7 +22,7 @@ fn write_ball(folder: &Path) {
 }
 
 fn figures(folder: &Path) -> Value {
-    serde_json::from_slice(&std::fs::read(folder.join("values.json")).unwrap()).unwrap()
+    read_json(&folder.join("values.json"))
 }
 
 /// Mean of the extinction that was written.

@@ -1,12 +1,11 @@
 //! Maps of light animated assets.
 
-use crate::support::{assert_misuse, assert_one_error, photofit, rock, stderr, stdout, succeeds};
+use crate::support::{assert_misuse, assert_one_error, photofit, read_json, rock, stderr, stdout, succeeds};
 use glam::{Affine3A, Quat, Vec3};
 use photofit_scene::{
     Animation, Channel, Curve, Extensions, Hierarchy, Instance, Interpolation, Node, NodeMesh, NodePrimitive,
     NodeTransform, Placement, Primitive, Property, Scene, Sheen,
 };
-use serde_json::Value;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -57,7 +56,7 @@ fn a_light_rock_is_painted_in_motion() {
         assert!(page.contains(part), "{part:?} is not in the page");
     }
     assert!(stdout(&o).contains("3 moments of slide"), "{}", stdout(&o));
-    let f: Value = serde_json::from_slice(&std::fs::read(d.join("f.json")).unwrap()).unwrap();
+    let f = read_json(&d.join("f.json"));
     let psnr = |stage: &str| f[stage]["psnr"].as_f64().unwrap();
     assert!(psnr("file") > psnr("baked") && f["moments"].as_array().unwrap().len() == 3, "{f}");
     let bytes = std::fs::read(d.join("out.glb")).unwrap();
@@ -93,7 +92,7 @@ fn velvet_is_judged_as_velvet_and_errors_name_the_asset_that_they_are_about() {
     let o = succeeds(d, &[&line[..], &small, &["--json", "f.json"]].concat());
     assert!(stderr(&o).contains("velvet.glb: kept, but not drawn while fitting: material extensions"));
     assert!(stdout(&o).contains("path traced at most 256 pixels wide"), "{}", stdout(&o));
-    let f: Value = serde_json::from_slice(&std::fs::read(d.join("f.json")).unwrap()).unwrap();
+    let f = read_json(&d.join("f.json"));
     assert_eq!(
         (f["judged"].as_str(), f["left_out"].as_array().map(Vec::len)),
         (Some("path traced"), Some(0))

@@ -1,8 +1,7 @@
 //! The main job on small assets.
 
-use crate::support::{command, names, photofit, rock, stderr, stdout, succeeds, write_rock};
+use crate::support::{command, names, photofit, read_json, rock, stderr, stdout, succeeds, write_rock};
 use serde_json::Value;
-use std::path::Path;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
@@ -26,10 +25,6 @@ fn fit<'a>(output: &'a str, more: &[&'a str]) -> Vec<&'a str> {
     all
 }
 
-fn json(path: &Path) -> Value {
-    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
-}
-
 #[test]
 fn the_main_job_end_to_end() {
     let dir = tempfile::tempdir().unwrap();
@@ -38,7 +33,7 @@ fn the_main_job_end_to_end() {
     write_rock(d, 12, false);
     let more = ["--steps", "8", "--json", "f.json", "--report", "r", "--explain", "--checkpoint", "c"];
     let o = succeeds(d, &fit("out.glb", &more));
-    let (text, f) = (stdout(&o), json(&d.join("f.json")));
+    let (text, f) = (stdout(&o), read_json(&d.join("f.json")));
     for part in [
         "decimated",
         "baked",
@@ -165,7 +160,7 @@ fn glass_stays_glass_and_what_it_holds_is_kept() {
     assert!(light.materials[0].extensions.is_none());
     let triangles = |k: usize| light.primitives[k].mesh.triangles.len();
     assert!(triangles(0) > 20 && triangles(1) > 20, "the rock is seen through the glass");
-    let f: Value = serde_json::from_slice(&std::fs::read(d.join("f.json")).unwrap()).unwrap();
+    let f = read_json(&d.join("f.json"));
     assert!(f["file"]["psnr"].as_f64().unwrap() > 20.0, "{f}");
 }
 
@@ -264,7 +259,7 @@ fn stopped_by(signal: &str) {
     let o = child.wait_with_output().unwrap();
     assert_eq!(o.status.code(), Some(3), "{signal}: {}", stderr(&o));
     assert!(stderr(&o).contains("stopping"), "{}", stderr(&o));
-    let f = json(&d.join("f.json"));
+    let f = read_json(&d.join("f.json"));
     assert_eq!((&f["stopped"], &f["stopped_by"]), (&true.into(), &"signal".into()));
     assert!(f["steps"].as_u64().unwrap() < 100_000);
     assert!(photofit_scene::load(d.join("out.glb")).unwrap().triangle_count() <= 300);
@@ -307,7 +302,7 @@ fn a_time_limit_is_a_wish_and_no_failure() {
     write_rock(d, 10, true);
     let more = ["--steps", "100000", "--time-limit", "0.5", "--json", "f.json"];
     succeeds(d, &fit("out.glb", &more));
-    let f = json(&d.join("f.json"));
+    let f = read_json(&d.join("f.json"));
     assert_eq!((&f["stopped"], &f["stopped_by"]), (&true.into(), &"time limit".into()));
 }
 
@@ -333,7 +328,7 @@ fn a_signal_after_the_fit_has_the_status_of_a_stopped_job() {
         told += &(line + "\n");
     }
     assert_eq!(child.wait().unwrap().code(), Some(3), "{told}");
-    let f = json(&d.join("f.json"));
+    let f = read_json(&d.join("f.json"));
     assert_eq!((&f["stopped"], &f["stopped_by"]), (&true.into(), &"signal".into()));
     assert!(d.join("out.glb").exists());
 }
@@ -361,7 +356,7 @@ fn a_report_that_cannot_be_written_hides_nothing_else() {
     let error = stderr(&o).lines().find(|l| l.starts_with("error: ")).unwrap_or_default().to_owned();
     assert!(error.contains("index.html") && error.contains("the report is not written"), "{error}");
     assert!(d.join("out.glb").exists());
-    assert!(json(&d.join("f.json"))["report"].is_null());
+    assert!(read_json(&d.join("f.json"))["report"].is_null());
 }
 
 #[test]
@@ -378,7 +373,7 @@ fn a_path_traced_judgement_is_announced_and_can_be_bounded() {
         let all = [&["--steps", "1", "--explain", "--json", "f.json", "--report", "r"][..], more].concat();
         let o = succeeds(d, &fit("out.glb", &all));
         let page = std::fs::read_to_string(d.join("r/index.html")).unwrap();
-        (stdout(&o), stderr(&o), json(&d.join("f.json")), page)
+        (stdout(&o), stderr(&o), read_json(&d.join("f.json")), page)
     };
     let (out, err, f, page) = run(&["--judge-spp", "2"]);
     // 8 views of the asset, twice, and of at most 5 stages, 48 pixels a side.
@@ -411,7 +406,7 @@ fn an_effort_is_told_and_what_is_said_beside_it_counts() {
         text.contains("effort fast: 250 steps at most") && text.contains("; 3 steps are asked for"),
         "{text}"
     );
-    let f = json(&d.join("f.json"));
+    let f = read_json(&d.join("f.json"));
     assert_eq!((f["effort"].as_str(), f["steps"].as_u64()), (Some("fast"), Some(3)));
     assert_eq!(f["views"].as_array().map(Vec::len), Some(4));
     assert!(f["baked"].is_null() && f["shrink_wrapped"].is_object(), "one start: {text}");
@@ -436,7 +431,7 @@ fn a_budget_of_bytes_that_no_file_meets_is_a_failure_that_loses_nothing() {
     // The lightest file that was found stands beside it, and the bytes that are named take it.
     let beside = d.join("out.too-large.glb");
     assert!(photofit_scene::load(&beside).is_ok());
-    let f = json(&d.join("f.json"));
+    let f = read_json(&d.join("f.json"));
     assert!(f["output"].as_str().unwrap().ends_with("out.too-large.glb"), "{f}");
     let bytes = std::fs::metadata(&beside).unwrap().len();
     assert!(told.contains(&format!("--max-bytes {bytes}")), "{told}");
@@ -470,7 +465,7 @@ fn own_surfaces_vertex_colours_and_locked_borders_are_written_and_read_again() {
             "f.json",
         ];
         let o = succeeds(d, &[&budget[..], more].concat());
-        (photofit_scene::load(d.join(output)).unwrap(), json(&d.join("f.json")), stdout(&o))
+        (photofit_scene::load(d.join(output)).unwrap(), read_json(&d.join("f.json")), stdout(&o))
     };
     let (kept, figures, text) = run("kept.glb", &["--keep-uvs", "--effort", "fast", "--explain"]);
     assert!(

@@ -163,3 +163,8 @@ pub(crate) fn triangle_bin(positions: [[f32; 3]; 3], indices: [u16; 3]) -> Vec<u
 
 /// A triangle that is sound.
 pub(crate) const TRIANGLE: [[f32; 3]; 3] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+
+/// A file of JSON.
+pub(crate) fn read_json(path: &Path) -> serde_json::Value {
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}

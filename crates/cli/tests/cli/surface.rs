@@ -1,7 +1,6 @@
 //! `photofit surface`: outputs, cameras, and clouds that cannot be used.
 
-use crate::support::{assert_one_error, names, photofit, stdout, succeeds};
-use serde_json::Value;
+use crate::support::{assert_one_error, names, photofit, read_json, stdout, succeeds};
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -19,10 +18,6 @@ fn write_sphere(folder: &Path, count: usize) {
     std::fs::write(folder.join("sphere.ply"), text).unwrap();
 }
 
-fn json(path: &Path) -> Value {
-    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
-}
-
 #[test]
 fn a_sphere_becomes_maps_without_holes() {
     let dir = tempfile::tempdir().unwrap();
@@ -36,14 +31,14 @@ fn a_sphere_becomes_maps_without_holes() {
     let expected =
         ["albedo.png", "camera.json", "depth.png", "normal.png", "shaded.png", "sheet.png", "surface.exr"];
     assert_eq!(names(&dir.path().join("out")), expected);
-    let figures = json(&dir.path().join("a.json"));
+    let figures = read_json(&dir.path().join("a.json"));
     assert_eq!((figures["points"].as_u64(), figures["method"].as_str()), (Some(4000), Some("fast")));
     let layers = photofit_image::read_exr_layers(dir.path().join("out/surface.exr")).unwrap();
     let layer = |name: &str| layers.iter().find(|l| l.0 == name).map(|l| &l.1).unwrap();
     let (depth, normal, albedo) = (layer("depth"), layer("normal"), layer("albedo"));
     assert_eq!((depth.width, depth.height), (120, 90));
     // The sphere as the written camera sees it: holes and wrong depths would both show.
-    let camera = json(&dir.path().join("out/camera.json"));
+    let camera = read_json(&dir.path().join("out/camera.json"));
     let v = |key: &str| -> Vec<f64> {
         camera[key].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
     };

@@ -1,6 +1,6 @@
 //! Help and wrong command lines.
 
-use crate::support::{names, photofit, stderr, stdout, succeeds, write_rock};
+use crate::support::{names, photofit, read_json, stderr, stdout, succeeds, write_rock};
 
 #[test]
 fn help_lists_commands_and_options() {
@@ -161,8 +161,7 @@ fn devices_that_are_not_there_are_wrong_command_lines() {
 fn devices_are_listed_and_an_asset_is_still_needed_otherwise() {
     let dir = tempfile::tempdir().unwrap();
     let listed = stdout(&succeeds(dir.path(), &["inspect", "--devices", "--json", "d.json"]));
-    let json: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(dir.path().join("d.json")).unwrap()).unwrap();
+    let json = read_json(&dir.path().join("d.json"));
     let devices = json["devices"].as_array().unwrap();
     for d in devices {
         assert!(listed.contains(d["name"].as_str().unwrap()) && listed.contains("lacks"), "{listed}");
@@ -181,8 +180,7 @@ fn the_plan_tells_where_a_fit_ran() {
     let line: Vec<&str> = line.split(' ').chain(["--device", "cpu", "--json", "a.json"]).collect();
     let text = stdout(&succeeds(dir.path(), &line));
     assert!(text.contains("CPU: as --device says"), "{text}");
-    let json: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(dir.path().join("a.json")).unwrap()).unwrap();
+    let json = read_json(&dir.path().join("a.json"));
     assert_eq!(json["device"], "CPU");
 }
 
