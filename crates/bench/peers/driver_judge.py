@@ -162,20 +162,31 @@ def reference(name, path):
     return held["seen"].astype(np.float32), (held["center"].tolist(), float(held["radius"])), int(held["triangles"])
 
 
-def judged(name, path, file, shown, key):
-    """Keeps the figures of a file, whose geometry stands in `shown` without compression."""
-    key = {**key, "judge": judge()}
+class Cycles:
+    """How files are judged by Blender Cycles: the end of the name of their figures, what all of them have in common, and the figures of
+    a file."""
 
-    def measure(part):
+    suffix = ".json"
+    judge = staticmethod(judge)
+
+    @staticmethod
+    def figures(name, path, shown):
         truth, around, _ = reference(name, path)
         seen, _, count = in_cycles.pictures(shown, found(ENVIRONMENT), VIEWS, SIZE, SAMPLES, 1, around)
-        figures = {"views": in_cycles.likeness(truth, seen), "triangles": count, "bytes": file.stat().st_size}
-        part.write_text(json.dumps({"key": key, **figures}))
-
-    once(file.with_suffix(".json"), key, measure)
+        return {"views": in_cycles.likeness(truth, seen), "triangles": count}
 
 
-def attempt(folder, way, key, make):
+def judged(name, path, file, shown, key, judge=Cycles):
+    """Keeps the figures of a file, whose geometry stands in `shown` without compression."""
+    key = {**key, "judge": judge.judge()}
+
+    def measure(part):
+        part.write_text(json.dumps({"key": key, **judge.figures(name, path, shown), "bytes": file.stat().st_size}))
+
+    once(file.with_suffix(judge.suffix), key, measure)
+
+
+def attempt(folder, way, key, make, judge=Cycles):
     """Whether the file or the figures of a way are made; else why not is kept in place of its figures."""
     try:
         make()
@@ -186,21 +197,21 @@ def attempt(folder, way, key, make):
         why = str(e) if isinstance(e, Refused) else f"{type(e).__name__}: {e}"
     folder.mkdir(parents=True, exist_ok=True)
     # Without a key of its own it is tried again.
-    (folder / f"{way}.json.key").unlink(missing_ok=True)
-    (folder / f"{way}.json").write_text(json.dumps({"key": {**key, "judge": judge()}, "refused": why}))
+    (folder / f"{way}{judge.suffix}.key").unlink(missing_ok=True)
+    (folder / f"{way}{judge.suffix}").write_text(json.dumps({"key": {**key, "judge": judge.judge()}, "refused": why}))
     return False
 
 
-def made(name, path, folder, way, key, make):
+def made(name, path, folder, way, key, make, judge=Cycles):
     """Makes and judges the file of a way; its figures, or why there is none."""
     file = folder / f"{way}.glb"
 
     def whole():
         once(file, key, make)
-        judged(name, path, file, file, key)
+        judged(name, path, file, file, key, judge)
 
-    attempt(folder, way, key, whole)
-    return json.loads(file.with_suffix(".json").read_text())
+    attempt(folder, way, key, whole, judge)
+    return json.loads(file.with_suffix(judge.suffix).read_text())
 
 
 def ours(path, budget, out):
@@ -304,7 +315,7 @@ def standing():
         asset = found(file)
         for budget in budgets:
             files = sorted((HERE / f"{name}-{budget}").glob("*.json"), key=lambda f: (f.stem != "ours", f.stem))
-            made = {f.stem: json.loads(f.read_text()) for f in files if not f.name.startswith("part-")}
+            made = {f.stem: json.loads(f.read_text()) for f in files if not f.name.startswith("part-") and not f.name.endswith(".three.json")}
             same = lambda key: key.get("judge") == now and (not asset or key["asset"] == digest_of(asset))
             made = {way: figures for way, figures in made.items() if same(figures.get("key", {}))}
             if made:

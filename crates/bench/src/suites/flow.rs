@@ -85,7 +85,7 @@ fn trained(
     let renderer = Renderer::new(world, view, options.clone())?;
     let mut guided = GuidingOptions::for_picture(guiding, &options);
     if forced {
-        guided = GuidingOptions { least_gain: 0.0, pilot: 2, ..GuidingOptions::new(guiding) };
+        guided = GuidingOptions { least_gain: 0.0, pilot: 3, ..GuidingOptions::new(guiding) };
     }
     guided.flow = flow;
     let began = Instant::now();

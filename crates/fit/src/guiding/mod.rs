@@ -37,6 +37,8 @@ const SEED: u64 = 0x6_u64.rotate_left(56) ^ 0x9a1d;
 
 /// Most work of training and pilot run over that of the picture.
 const PART: f64 = 0.1;
+/// Paths a pixel of the pilot run, with the guide and without, at least: two others of its kind tell each how far their mean may be off.
+const LEAST_PILOT: u32 = 3;
 /// Paths of a picture for one record that a flow learns from, which takes as long as a few paths.
 const LEARNING: f64 = 96.0;
 
@@ -94,7 +96,7 @@ pub struct GuidingOptions {
     /// run in half of it ask for, of [`Self::SIDES`], judged by a path a pixel of the smallest; what learning takes is not counted. A round after the third is walked where it and the
     /// pilot run are expected to end in half of it, judged by the round before. `None`: as long as it takes.
     pub limit: Option<Duration>,
-    /// Paths a pixel of the pilot run, with the guide and without; at least 2 are walked.
+    /// Paths a pixel of the pilot run, with the guide and without; at least 3 are walked.
     pub pilot: u32,
     /// Cost of a path vertex of what is guided over that of one without a guide: [`Guiding::cost`] for pictures,
     /// [`Guiding::single_cost`] for gradients.
@@ -262,7 +264,7 @@ impl Guidance {
         };
         let mut clock = Clock { now, limit: options.limit, last: Duration::ZERO };
         let Some(options) = within_limit(renderers, options, &clock, &stop)? else { return Ok(Self::off()) };
-        let options = &options;
+        let options = &GuidingOptions { pilot: options.pilot.max(LEAST_PILOT), ..options };
         let stage = |round: u64| -> Result<Vec<Renderer<'_>>, FitError> {
             renderers.iter().map(|r| small_view(r, options, round)).collect()
         };
@@ -298,12 +300,12 @@ impl Guidance {
         // Both trials take numbers of their own: each is part of both variances.
         let trial = |chooser, number: u32| -> Result<Option<Trial>, FitError> {
             let views = stage(u64::from(rounds + number))?;
-            let run = |r: &Renderer<'_>| state.trial(r, pilot.max(2), chooser);
+            let run = |r: &Renderer<'_>| state.trial(r, pilot, chooser);
             Ok(over_views(&views, &clock, &stop, Trial::beside, run))
         };
         let Some(plain) = trial(Chooser::Scattering, 0)? else { return Ok(Self::off()) };
         let Some(guided) = trial(Chooser::Guide, 1)? else { return Ok(Self::off()) };
-        let paths = paths + plain.paths + guided.paths;
+        let paths = paths + (plain.paths.len() + guided.paths.len()) as u64;
         let report =
             GuidingReport { rounds, paths, records, ..GuidingReport::judge(&plain, &guided, options) };
         let trained = report.used.then_some(state);

@@ -8,7 +8,7 @@
 use photofit_flow::{Guide, Guided};
 use photofit_image::luminance;
 use photofit_pathtrace::{Contribution, Found, PathVertex, Renderer, Sink};
-use photofit_sampling::{DirectionSample, DirectionSampler, Scattering, Vertex};
+use photofit_sampling::{DirectionSample, DirectionSampler, Scattering, Vertex, hash};
 use photofit_scalar::Vec3f;
 use rayon::prelude::*;
 use std::cell::Cell;
@@ -17,10 +17,12 @@ use std::cell::Cell;
 const BLOCK: usize = 4;
 /// Share of the mean luminance of the picture added to that of a block: darkness may be noisier.
 const DARKNESS: f64 = 0.1;
+/// Tells the numbers of its paths from those of pictures.
+const SEED: u64 = 0x9170;
 /// Bounds of the ratio of the densities of a path: more and less make no difference, and could overflow along it.
 const RATIO: [f64; 2] = [1e-30, 1e30];
 /// Part of the second moment below which a variance is rounding: values of paths are in single precision.
-const ROUNDING: f64 = 1e-9;
+const ROUNDING: f64 = 1e-12;
 
 /// Who chooses directions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,68 +36,100 @@ pub(super) enum Chooser {
 /// Paths that one of them chose, pixel by pixel.
 #[derive(Debug, Default)]
 pub(super) struct Trial {
-    pub(super) paths: u64,
     /// Path vertices, and rays without one.
     pub(super) work: u64,
     /// Columns and rows of a picture; there may be several.
     pub(super) size: [usize; 2],
-    pub(super) pixels: Vec<Sums>,
+    /// Those of a pixel follow each other, as many of each.
+    pub(super) paths: Vec<Path>,
+    /// Paths of a pixel.
+    pub(super) each: usize,
     /// Whether any of them brought light.
     pub(super) found_light: bool,
 }
 
-/// Sums over the paths of a pixel, whose densities are `p` without the guide and `q` with it, and which bring `x` without it and `y` with
-/// it (in this order).
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Sums {
+/// What paths of a pixel add to its mean ([`Path::told`]).
+#[derive(Clone, Copy, Debug, Default)]
+struct Told {
     paths: f64,
-    /// Of the weights `p / (p + q)` and `q / (p + q)`, which are 1 over the paths of both.
-    weight: [f64; 2],
-    /// Of `x` and `y` times their weight: the mean, twice.
-    mean: [f64; 2],
-    /// Of `x^2` and `y^2` times their weight: the second moments.
-    second: [f64; 2],
+    sum: f64,
+    squares: f64,
 }
 
-impl Sums {
-    fn add(&mut self, path: &Path) {
-        let weight = [1.0 / (1.0 + path.ratio), path.ratio / (1.0 + path.ratio)];
-        self.paths += 1.0;
-        for k in 0..2 {
-            self.weight[k] += weight[k];
-            self.mean[k] += path.values[k] * weight[k];
-            self.second[k] += path.values[k] * path.values[k] * weight[k];
+impl Told {
+    fn of(paths: &[Path]) -> Self {
+        paths.iter().fold(Self::default(), |all, path| all.with(path.told(), 1.0))
+    }
+
+    /// With so many more paths that bring `light`; without one where it is -1.
+    fn with(self, light: f64, more: f64) -> Self {
+        let Self { paths, sum, squares } = self;
+        Self { paths: paths + more, sum: sum + more * light, squares: squares + more * light * light }
+    }
+
+    fn mean(&self) -> f64 {
+        self.sum / self.paths.max(1.0)
+    }
+
+    /// Variance of the mean; 0 where too few paths tell it.
+    fn uncertainty(&self) -> f64 {
+        let Self { paths: n, sum, squares } = *self;
+        if n > 1.0 { (squares - sum * sum / n).max(0.0) / (n * (n - 1.0)) } else { 0.0 }
+    }
+}
+
+/// Of a pixel, by its paths of both: its mean, and the second moments of both samplers around it and around 0.
+///
+/// Each path is held against the mean that the others tell, whose own variance is taken off: against a mean that it is part of, a
+/// path of the sampler that found light would vary less than it does.
+fn moments(trials: [&[Path]; 2]) -> (f64, [f64; 2], [f64; 2]) {
+    let all = trials.map(Told::of);
+    let (mut around, mut second) = ([0.0; 2], [0.0; 2]);
+    for (of, paths) in trials.into_iter().enumerate() {
+        for path in paths {
+            let others = [all[of].with(path.told(), -1.0), all[1 - of]];
+            let mean: f64 = others.iter().map(Told::mean).sum();
+            let spread: f64 = others.iter().map(Told::uncertainty).sum();
+            let weight = path.weights();
+            for k in 0..2 {
+                let share = weight[k] / all[of].paths;
+                around[k] += share * ((path.values[k] - mean).powi(2) - spread);
+                second[k] += share * path.values[k].powi(2);
+            }
         }
     }
-
-    /// Those of a pixel of this mean and these variances, split evenly between the paths of both.
-    #[cfg(test)]
-    pub(super) fn of(mean: f64, variances: [f64; 2]) -> Self {
-        let second = variances.map(|v| v + mean * mean);
-        Self { paths: 2.0, weight: [1.0; 2], mean: [mean; 2], second }
-    }
-}
-
-/// Of a pixel, by the paths of both: its mean, and the second moments of both around it and around 0.
-fn moments(plain: &Sums, guided: &Sums) -> (f64, [f64; 2], [f64; 2]) {
-    let of = |sums: fn(&Sums) -> [f64; 2]| {
-        let [a, b] = [plain, guided].map(|s| sums(s).map(|v| v / s.paths.max(1.0)));
-        [a[0] + b[0], a[1] + b[1]]
-    };
-    let (weights, means, second) = (of(|s| s.weight), of(|s| s.mean), of(|s| s.second));
-    let mean = 0.5 * (means[0] + means[1]);
-    // Sums of squares, so that what hardly varies is not the difference of two noisy numbers.
-    let around = [0, 1].map(|k| second[k] + mean * (mean * weights[k] - 2.0 * means[k]));
-    (mean, around, second)
+    (all.iter().map(Told::mean).sum(), around, second)
 }
 
 /// A path under both samplers.
 #[derive(Clone, Copy, Debug)]
-struct Path {
+pub(super) struct Path {
     /// Luminance without the guide and with it.
-    values: [f64; 2],
+    pub(super) values: [f64; 2],
     /// Density with the guide over that without.
-    ratio: f64,
+    pub(super) ratio: f64,
+}
+
+impl Path {
+    /// Weights of the balance heuristic for what it brings without the guide and with it. The mean of each over the paths of one chooser and
+    /// that over those of the other sum to 1.
+    fn weights(&self) -> [f64; 2] {
+        [1.0 / (1.0 + self.ratio), self.ratio / (1.0 + self.ratio)]
+    }
+
+    /// What it adds to the mean of its pixel, which is that over the paths of one chooser and that over those of the other together: half of
+    /// what it brings without the guide and with it, each by its weight.
+    fn told(&self) -> f64 {
+        let weight = self.weights();
+        0.5 * (weight[0] * self.values[0] + weight[1] * self.values[1])
+    }
+
+    /// Many paths that both samplers choose alike, of this mean and these variances.
+    #[cfg(test)]
+    pub(super) fn varied(mean: f64, variances: [f64; 2]) -> Vec<Self> {
+        let path = |sign: f64| Self { values: variances.map(|v| mean + sign * v.sqrt()), ratio: 1.0 };
+        [path(1.0), path(-1.0)].repeat(500)
+    }
 }
 
 impl Default for Path {
@@ -269,35 +303,45 @@ impl Trial {
     fn row<G: Guide>(renderer: &Renderer<'_>, y: usize, samples: u32, guide: &G, chooser: Chooser) -> Self {
         let densities = Densities { chosen: Cell::new(1.0), light: Cell::new(1.0) };
         let mut follower = Follower::new(chooser, &densities);
-        let (mut out, columns) = (Self::default(), renderer.options().width);
+        let (columns, each) = (renderer.options().width, samples as usize);
+        let mut out = Self { each, ..Self::default() };
         for x in 0..columns {
-            let mut sums = Sums::default();
+            let pixel = (y * columns + x) as u64;
             for sample in 0..samples {
-                let path = follower.follow(renderer, guide, [x, y], sample);
+                // Not the first ones of a pixel, which are stratified together: each is to tell of single ones.
+                let number = (hash(SEED, pixel, u64::from(sample)) >> 32) as u32;
+                let path = follower.follow(renderer, guide, [x, y], number);
                 out.found_light |= path.values != [0.0; 2];
-                sums.add(&path);
+                out.paths.push(path);
             }
-            out.pixels.push(sums);
         }
-        out.paths = columns as u64 * u64::from(samples);
-        out.work = out.paths + follower.vertices;
+        out.work = out.paths.len() as u64 + follower.vertices;
         out
     }
 
     /// Both, of pictures of one size: the rows of the other follow.
     pub(super) fn beside(mut self, other: Self) -> Self {
-        self.pixels.extend(other.pixels);
-        self.paths += other.paths;
+        debug_assert!(self.paths.is_empty() || self.each == other.each, "as many paths of each pixel");
+        self.paths.extend(other.paths);
+        self.each = other.each;
         self.work += other.work;
         self.found_light |= other.found_light;
         self
     }
 }
 
-/// Variance of single samples without the guide and with it, by trials of as many samples of both: the mean over the pixels,
-/// relative to the squared luminance around.
+/// Variance of single samples without the guide and with it, by trials of as many samples of both: of what [`told`] says that by which the
+/// guide pays less. Noise in the dark does not make up for noise in the bright, nor the other way round. 0 without and with it where
+/// nothing varies.
 pub(super) fn variances(plain: &Trial, guided: &Trial) -> [f64; 2] {
-    let pixels: Vec<_> = plain.pixels.iter().zip(&guided.pixels).map(|(a, b)| moments(a, b)).collect();
+    let varying = told(plain, guided).into_iter().filter(|v| v[0] > 0.0 || v[1] > 0.0);
+    varying.reduce(|a, b| if b[0] * a[1] < a[0] * b[1] { b } else { a }).unwrap_or_default()
+}
+
+/// Variances without the guide and with it, means over the pixels: relative to the squared luminance around, and as they are.
+fn told(plain: &Trial, guided: &Trial) -> [[f64; 2]; 2] {
+    let [without, with] = [plain, guided].map(|trial| trial.paths.chunks(trial.each.max(1)));
+    let pixels: Vec<_> = without.zip(with).map(|(a, b)| moments([a, b])).collect();
     let n = pixels.len().max(1) as f64;
     let mean = pixels.iter().map(|p| p.0).sum::<f64>() / n;
     let [columns, rows] = plain.size.map(|n| n.max(1));
@@ -311,16 +355,22 @@ pub(super) fn variances(plain: &Trial, guided: &Trial) -> [f64; 2] {
         let sum = &mut blocks[block(i)];
         *sum = [sum[0] + pixel.0, sum[1] + 1.0];
     }
-    let (mut found, mut seconds) = ([0.0; 2], [0.0; 2]);
-    for (i, (_, around, second)) in pixels.into_iter().enumerate() {
+    let around = |i: usize| {
         let [sum, count] = blocks[block(i)];
-        let scale = (sum / count + DARKNESS * mean).powi(2).recip();
-        for k in 0..2 {
-            found[k] += scale * around[k];
-            seconds[k] += scale * second[k];
+        (sum / count + DARKNESS * mean).powi(2).recip()
+    };
+    let over = |scale: &dyn Fn(usize) -> f64| {
+        let (mut found, mut seconds) = ([0.0; 2], [0.0; 2]);
+        for (i, (_, around, second)) in pixels.iter().enumerate() {
+            let scale = scale(i);
+            for k in 0..2 {
+                found[k] += scale * around[k];
+                seconds[k] += scale * second[k];
+            }
         }
-    }
-    [0, 1].map(|k| if found[k] > ROUNDING * seconds[k] { found[k] / n } else { 0.0 })
+        [0, 1].map(|k| if found[k] > ROUNDING * seconds[k] { found[k] / n } else { 0.0 })
+    };
+    [over(&around), over(&|_| 1.0)]
 }
 
 #[cfg(test)]

@@ -15,7 +15,7 @@ pub struct GuidingReport {
     /// Variance times work without the guide over that with it: infinite where nothing varies with it; not a number without
     /// light, or where nothing varies.
     pub gain: f64,
-    /// Variance without the guide over that with it; infinite and not a number as [`Self::gain`].
+    /// Variance without the guide over that with it, over the picture as a whole or relative to the luminance around each pixel: the lesser of the two. Infinite and not a number as [`Self::gain`].
     pub variance_ratio: f64,
     /// Work of a path with the guide over that of one without.
     pub work_ratio: f64,
