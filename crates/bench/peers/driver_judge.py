@@ -315,7 +315,7 @@ def standing():
         asset = found(file)
         for budget in budgets:
             files = sorted((HERE / f"{name}-{budget}").glob("*.json"), key=lambda f: (f.stem != "ours", f.stem))
-            made = {f.stem: json.loads(f.read_text()) for f in files if not f.name.startswith("part-") and not f.name.endswith(".three.json")}
+            made = {f.stem: json.loads(f.read_text()) for f in files if not f.name.startswith("part-")}
             same = lambda key: key.get("judge") == now and (not asset or key["asset"] == digest_of(asset))
             made = {way: figures for way, figures in made.items() if same(figures.get("key", {}))}
             if made:

@@ -5,7 +5,7 @@ import numpy as np
 import in_cycles
 import in_three
 import ratios
-from driver_judge import ENVIRONMENT, HERE, SIZE, VIEWS, as_glb, digest_of, found, once
+from driver_judge import ENVIRONMENT, HERE, SIZE, VIEWS, as_glb, blender, digest_of, found, once
 from ratios import PEERS
 from reducers import version
 
@@ -28,8 +28,8 @@ class Three:
 
     @staticmethod
     def judge():
-        settings = {"views": VIEWS, "size": SIZE, "per axis": in_three.PER_AXIS}
-        return {**settings, "environment": digest_of(found(ENVIRONMENT)), "by": in_three.version()}
+        settings = {"views": VIEWS, "size": SIZE, "per axis": in_three.PER_AXIS, "code": in_three.code()}
+        return {**settings, "environment": digest_of(found(ENVIRONMENT)), "by": in_three.version(), "sphere": blender()}
 
     @staticmethod
     def figures(name, path, shown):
@@ -40,21 +40,22 @@ class Three:
 
     @staticmethod
     def reference(name, path):
-        """Pictures of the asset, kept, and the sphere that cameras look at."""
-        kept, around = HERE / f"{name}-reference.three.npy", in_cycles.sphere(in_cycles.load(path))
+        """Pictures of the asset and the sphere that cameras look at; kept."""
+        kept = HERE / f"{name}-reference.three.npz"
 
         def draw(part):
+            center, radius = around = in_cycles.sphere(in_cycles.load(path))
             seen = in_three.pictures(as_glb(name, path), found(ENVIRONMENT), VIEWS, SIZE, around, in_three.PER_AXIS)
             with open(part, "wb") as file:
-                np.save(file, seen.astype(np.float16))
+                np.savez_compressed(file, seen=seen.astype(np.float16), center=center, radius=radius)
 
         once(kept, {"asset": digest_of(path), "judge": Three.judge()}, draw)
-        return np.load(kept).astype(np.float32), around
+        held = np.load(kept)
+        return held["seen"].astype(np.float32), (held["center"].tolist(), float(held["radius"]))
 
 
 def table():
     terms = (
-        f"{VIEWS} views of {SIZE} x {SIZE} pixels at one sample a pixel, of {in_three.PER_AXIS} x {in_three.PER_AXIS} samples of the"
-        f" reference, under {ENVIRONMENT} and a sun by turns, without shadows."
+        f"{VIEWS} views of {SIZE} x {SIZE} pixels, one sample a pixel ({in_three.PER_AXIS} x {in_three.PER_AXIS} of the reference), under {ENVIRONMENT} and a sun by turns, without shadows."
     )
     return ratios.table(Three, terms, in_three.version())

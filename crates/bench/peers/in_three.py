@@ -4,19 +4,22 @@ Cameras, lights and figures are those of `in_cycles`, without shadows and light 
 which are averaged in linear light.
 """
 
+import hashlib
+import inspect
 import json
 import math
 import os
 import pathlib
 import shutil
 import subprocess
+import sys
 import tempfile
 
 import numpy as np
 
 import in_cycles
-from harness import ROOT
-from reducers import Refused, tool
+from harness import ROOT, digest, first_line
+from reducers import tool
 
 HERE = pathlib.Path(__file__).parent / "three"
 MODULES = ROOT / "target" / "three"
@@ -30,17 +33,30 @@ def chromium():
     return os.environ.get("PHOTOFIT_CHROMIUM") or next(filter(None, map(shutil.which, names)), None)
 
 
+def installed(package):
+    """The version of a package in MODULES; None where it is not there."""
+    file = MODULES / "node_modules" / package / "package.json"
+    return json.loads(file.read_text())["version"] if file.exists() else None
+
+
 def lacking():
     """What is not installed, in words; None where all is there."""
+    pins = json.loads((HERE / "package.json").read_text())["dependencies"]
     missing = [] if tool("node") else ["node"]
-    missing += [] if chromium() else ["Chromium (PHOTOFIT_CHROMIUM or PATH)"]
-    missing += [] if (MODULES / "node_modules" / "three").exists() else ["three, see three/package.json beside this driver"]
+    missing += [] if first_line(chromium(), "--version") else ["Chromium (PHOTOFIT_CHROMIUM or PATH)"]
+    missing += [f"{name} {pin}, see three/package.json beside this driver" for name, pin in pins.items() if installed(name) != pin]
     return f"not installed: {', '.join(missing)}" if missing else None
 
 
 def version():
-    pins = json.loads((HERE / "package.json").read_text())["dependencies"]
-    return f"three.js {pins['three']}"
+    return f"three.js {installed('three')} in {first_line(chromium(), '--version')}"
+
+
+def code():
+    """The digest of what draws and compares."""
+    sources = [inspect.getsource(module) for module in (in_cycles, sys.modules[__name__])]
+    drawn = digest(sorted(HERE.glob("*.*")))
+    return hashlib.sha256("".join([drawn, *sources]).encode()).hexdigest()[:16]
 
 
 def y_up(v):
@@ -63,13 +79,16 @@ def pictures(path, environment, count, size, around, per_axis=1):
             "center": y_up(center),
             "distance": radius / math.sin(in_cycles.FIELD_OF_VIEW / 2) * 1.01,
             "fov": math.degrees(in_cycles.FIELD_OF_VIEW),
-            "files": [{"file": str(path), "out": str(out)}],
+            "file": str(path),
+            "out": str(out),
         }
         command = [tool("node"), HERE / "draw.mjs", MODULES, chromium()]
         done = subprocess.run(list(map(str, command)), input=json.dumps(job), capture_output=True, text=True)
         if done.returncode:
-            raise Refused(f"three.js: {' '.join(done.stderr.split())[:200]}")
+            raise RuntimeError(f"three.js does not draw {path}: {' '.join(done.stderr.split())[:200]}")
         halves = np.fromfile(out, np.float16).reshape(count, size, per_axis, size, per_axis, 4)
+    if not all(halves[..., 3].any((1, 2, 3, 4))):
+        raise RuntimeError(f"three.js shows nothing of {path}")
     return halves.astype(np.float32).mean((2, 4))
 
 

@@ -1,5 +1,5 @@
-// Pictures of glTF files by three.js in a headless Chromium: `node draw.mjs MODULES CHROMIUM < JOB`.
-// JOB is JSON: { environment, width, views: [{ eye, sun }], center, distance, fov, files: [{ file, out }] }; eye and sun are unit
+// Pictures of a glTF file by three.js in a headless Chromium: `node draw.mjs MODULES CHROMIUM < JOB`.
+// JOB is JSON: { environment, width, views: [{ eye, sun }], center, distance, fov, file, out }; eye and sun are unit
 // vectors from the asset, y up, sun is null where the environment shines. Into `out` go the views one after the other, width x width
 // pixels each, rows from the top: linear premultiplied RGBA as halves.
 
@@ -16,7 +16,8 @@ const require = createRequire(pathToFileURL(path.resolve(modules, 'package.json'
 const puppeteer = (await import(pathToFileURL(require.resolve('puppeteer-core')).href)).default;
 
 const TYPES = { '.html': 'text/html', '.js': 'text/javascript', '.mjs': 'text/javascript', '.wasm': 'application/wasm' };
-const roots = [path.dirname(fileURLToPath(import.meta.url)), path.resolve(modules, 'node_modules/three'), path.dirname(job.environment)];
+const own = path.dirname(fileURLToPath(import.meta.url));
+const roots = [own, path.resolve(modules, 'node_modules/three'), ...[job.environment, job.file].map((file) => path.dirname(path.resolve(file)))];
 const posted = [];
 
 /** The path of a file in the folder of this number. */
@@ -47,16 +48,18 @@ await new Promise((done) => server.listen(0, '127.0.0.1', done));
 
 const profile = mkdtempSync(path.join(os.tmpdir(), 'three-'));
 const root = process.getuid?.() === 0 ? ['--no-sandbox'] : [];
-const browser = await puppeteer.launch({
-  executablePath: chromium,
-  headless: true,
-  userDataDir: profile,
-  protocolTimeout: 3_600_000,
-  // The renderer of every machine, with a graphics card or without.
-  args: ['--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--disable-dev-shm-usage', '--disable-gpu-watchdog', ...root],
-});
+let browser;
 try {
+  browser = await puppeteer.launch({
+    executablePath: chromium,
+    headless: true,
+    userDataDir: profile,
+    protocolTimeout: 3_600_000,
+    // The renderer of every machine, with a graphics card or without.
+    args: ['--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--disable-dev-shm-usage', '--disable-gpu-watchdog', ...root],
+  });
   const page = await browser.newPage();
+  // A texture that is not read is told there alone.
   const said = [];
   page.on('console', (message) => message.type() === 'error' && said.push(message.text()));
   page.on('pageerror', (error) => said.push(String(error)));
@@ -65,20 +68,18 @@ try {
     throw new Error(`the page does not start: ${said.join('; ')}`);
   });
   await page.evaluate((o) => window.draw.begin(o), { environment: served(2, job.environment), width: job.width, fov: job.fov });
-  for (const { file, out } of job.files) {
-    const folder = roots.push(path.dirname(path.resolve(file))) - 1;
-    await page.evaluate((url) => window.draw.load(url), served(folder, file));
-    posted.length = 0;
-    for (const view of job.views) {
-      await page.evaluate((o) => window.draw.view(o), { ...view, center: job.center, distance: job.distance });
-    }
-    writeFileSync(out, Buffer.concat(posted));
+  said.length = 0;
+  await page.evaluate((url) => window.draw.load(url), served(3, job.file));
+  for (const view of job.views) {
+    await page.evaluate((o) => window.draw.view(o), { ...view, center: job.center, distance: job.distance });
   }
+  if (said.length) throw new Error(said.join('; '));
+  writeFileSync(job.out, Buffer.concat(posted));
 } catch (error) {
   console.error(String(error.message ?? error));
   process.exitCode = 1;
 } finally {
-  await browser.close();
+  await browser?.close();
   server.close();
   rmSync(profile, { recursive: true, force: true });
 }

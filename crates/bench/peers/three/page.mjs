@@ -15,7 +15,7 @@ const EVEN = 0.06;
 const scene = new THREE.Scene();
 const sun = new THREE.DirectionalLight(0xffffff, SUN);
 scene.add(sun, sun.target);
-let renderer, loader, camera, target, sky, even, asset;
+let renderer, loader, camera, target, sky, even;
 
 /** The environment's light, by the mean luminance over the sphere of its directions. */
 function strength({ data, width, height }) {
@@ -54,15 +54,7 @@ async function begin({ environment, width, fov }) {
 }
 
 async function load(url) {
-  asset?.removeFromParent();
-  asset?.traverse((o) => {
-    o.geometry?.dispose();
-    for (const material of [o.material ?? []].flat()) {
-      Object.values(material).forEach((v) => v?.isTexture && v.dispose());
-      material.dispose();
-    }
-  });
-  asset = (await loader.loadAsync(url)).scene;
+  const asset = (await loader.loadAsync(url)).scene;
   const lights = [];
   asset.traverse((o) => o.isLight && lights.push(o));
   lights.forEach((light) => light.removeFromParent());

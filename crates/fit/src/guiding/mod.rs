@@ -37,7 +37,7 @@ const SEED: u64 = 0x6_u64.rotate_left(56) ^ 0x9a1d;
 
 /// Most work of training and pilot run over that of the picture.
 const PART: f64 = 0.1;
-/// Paths a pixel of the pilot run, with the guide and without, at least: two others of its kind tell each how far their mean may be off.
+/// Paths a pixel of the pilot run, with the guide and without, at least: beside each, two are left to tell how uncertain their mean is.
 const LEAST_PILOT: u32 = 3;
 /// Paths of a picture for one record that a flow learns from, which takes as long as a few paths.
 const LEARNING: f64 = 96.0;

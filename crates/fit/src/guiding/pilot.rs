@@ -331,8 +331,8 @@ impl Trial {
 }
 
 /// Variance of single samples without the guide and with it, by trials of as many samples of both: of what [`told`] says that by which the
-/// guide pays less. Noise in the dark does not make up for noise in the bright, nor the other way round. 0 without and with it where
-/// nothing varies.
+/// guide pays less. Noise in the dark does not make up for noise in the bright, nor the other way round. 0 where nothing varies
+/// beyond what is uncertain of it.
 pub(super) fn variances(plain: &Trial, guided: &Trial) -> [f64; 2] {
     let varying = told(plain, guided).into_iter().filter(|v| v[0] > 0.0 || v[1] > 0.0);
     varying.reduce(|a, b| if b[0] * a[1] < a[0] * b[1] { b } else { a }).unwrap_or_default()

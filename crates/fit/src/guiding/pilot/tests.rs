@@ -187,21 +187,20 @@ fn variances_are_those_of_many_samples() {
             pixels.sum::<f64>() / 16.0
         });
         let brightness = mean(paths(&renderer, guide, Chooser::Guide).iter().map(|p| p.values[1]))[0];
-        let run = |k: usize| Trial::run(&renderer, spp / 4, guide, choosers[k]);
-        let [relative, whole] = told(&run(0), &run(1));
+        // Each trial has numbers of its own.
+        let trial = |side: usize, spp: u32, k: usize, seed: u64| {
+            let own = renderer.again(options(side, spp, seed + k as u64)).unwrap();
+            Trial::run(&own, spp, guide, choosers[k])
+        };
+        let [relative, whole] = told(&trial(4, spp / 4, 0, 5), &trial(4, spp / 4, 1, 5));
         for found in [relative.map(|v| v * (1.1 * brightness).powi(2)), whole] {
             for k in 0..2 {
                 assert!((found[k] / direct[k] - 1.0).abs() < 0.15, "{found:?} {direct:?}");
             }
         }
         // Few paths of many pixels, as pilot runs have them.
-        let mut wide = renderer.options().clone();
-        (wide.width, wide.height) = (64, 64);
-        let wide = renderer.again(wide).unwrap();
-        let run = |k: usize| Trial::run(&wide, 4, guide, choosers[k]);
-        let [_, found] = told(&run(0), &run(1));
-        let many = |k: usize| Trial::run(&wide, 64, guide, choosers[k]);
-        let [_, expected] = told(&many(0), &many(1));
+        let [_, found] = told(&trial(64, 4, 0, 7), &trial(64, 4, 1, 7));
+        let [_, expected] = told(&trial(64, 64, 0, 9), &trial(64, 64, 1, 9));
         for k in 0..2 {
             assert!((found[k] / expected[k] - 1.0).abs() < 0.25, "{found:?} {expected:?}");
         }
