@@ -148,18 +148,29 @@ def uncompressed(path, out):
     quiet(tool("node"), script, pathlib.Path(tool("gltf-transform")).resolve(), path, out)
 
 
+def kept(file, key, draw):
+    """What `draw` gives as a dictionary, from a file: pictures `seen` of an asset, the sphere that cameras look at as `around`, and more."""
+
+    def make(part):
+        drawn = draw()
+        (center, radius), seen = drawn.pop("around"), drawn.pop("seen").astype(np.float16)
+        with open(part, "wb") as out:
+            np.savez_compressed(out, seen=seen, center=center, radius=radius, **drawn)
+
+    once(file, key, make)
+    held = np.load(file)
+    return held["seen"].astype(np.float32), (held["center"].tolist(), float(held["radius"])), held
+
+
 def reference(name, path):
     """Pictures of the asset and what its candidates are seen like; kept."""
-    kept = HERE / f"{name}-reference.npz"
 
-    def render(part):
+    def draw():
         seen, around, count = in_cycles.pictures(path, found(ENVIRONMENT), VIEWS, SIZE, SAMPLES * in_cycles.REFERENCE_FACTOR, 0)
-        with open(part, "wb") as file:
-            np.savez_compressed(file, seen=seen.astype(np.float16), center=around[0], radius=around[1], triangles=count)
+        return {"seen": seen, "around": around, "triangles": count}
 
-    once(kept, {"asset": digest_of(path), "judge": judge()}, render)
-    held = np.load(kept)
-    return held["seen"].astype(np.float32), (held["center"].tolist(), float(held["radius"])), int(held["triangles"])
+    seen, around, held = kept(HERE / f"{name}-reference.npz", {"asset": digest_of(path), "judge": judge()}, draw)
+    return seen, around, int(held["triangles"])
 
 
 class Cycles:

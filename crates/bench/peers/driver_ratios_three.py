@@ -1,11 +1,9 @@
 """Shares of the triangles (`ratios`) in three.js (`in_three`)."""
 
-import numpy as np
-
 import in_cycles
 import in_three
 import ratios
-from driver_judge import ENVIRONMENT, HERE, SIZE, VIEWS, as_glb, blender, digest_of, found, once
+from driver_judge import ENVIRONMENT, HERE, SIZE, VIEWS, as_glb, blender, digest_of, found, kept
 from ratios import PEERS
 from reducers import version
 
@@ -41,21 +39,19 @@ class Three:
     @staticmethod
     def reference(name, path):
         """Pictures of the asset and the sphere that cameras look at; kept."""
-        kept = HERE / f"{name}-reference.three.npz"
 
-        def draw(part):
-            center, radius = around = in_cycles.sphere(in_cycles.load(path))
+        def draw():
+            around = in_cycles.sphere(in_cycles.load(path))
             seen = in_three.pictures(as_glb(name, path), found(ENVIRONMENT), VIEWS, SIZE, around, in_three.PER_AXIS)
-            with open(part, "wb") as file:
-                np.savez_compressed(file, seen=seen.astype(np.float16), center=center, radius=radius)
+            return {"seen": seen, "around": around}
 
-        once(kept, {"asset": digest_of(path), "judge": Three.judge()}, draw)
-        held = np.load(kept)
-        return held["seen"].astype(np.float32), (held["center"].tolist(), float(held["radius"]))
+        seen, around, _ = kept(HERE / f"{name}-reference.three.npz", {"asset": digest_of(path), "judge": Three.judge()}, draw)
+        return seen, around
 
 
 def table():
     terms = (
-        f"{VIEWS} views of {SIZE} x {SIZE} pixels, one sample a pixel ({in_three.PER_AXIS} x {in_three.PER_AXIS} of the reference), under {ENVIRONMENT} and a sun by turns, without shadows."
+        f"{VIEWS} views of {SIZE} x {SIZE} pixels, one sample a pixel ({in_three.PER_AXIS} x {in_three.PER_AXIS} of the reference), under"
+        f" {ENVIRONMENT} and a sun by turns, without shadows."
     )
     return ratios.table(Three, terms, in_three.version())

@@ -124,11 +124,19 @@ impl Path {
         0.5 * (weight[0] * self.values[0] + weight[1] * self.values[1])
     }
 
-    /// Many paths that both samplers choose alike, of this mean and these variances.
+    /// Paths of a pixel of this mean and these variances, of both trials, told exactly: none moves the mean. Where one variance alone is 0, the
+    /// other is told more or less.
     #[cfg(test)]
     pub(super) fn varied(mean: f64, variances: [f64; 2]) -> Vec<Self> {
-        let path = |sign: f64| Self { values: variances.map(|v| mean + sign * v.sqrt()), ratio: 1.0 };
-        [path(1.0), path(-1.0)].repeat(500)
+        let ratio = variances[0] / variances[1];
+        if !(ratio.is_finite() && ratio > 0.0) {
+            let path = |sign: f64| Self { values: variances.map(|v| mean + sign * v.sqrt()), ratio: 1.0 };
+            return vec![path(1.0), path(-1.0), path(1.0), path(-1.0)];
+        }
+        let off = (variances[0] * (1.0 + ratio)).sqrt();
+        let path = |sign: f64| Self { values: [mean + sign * off, mean - sign * off / ratio], ratio };
+        let even = Self { values: [mean; 2], ratio: ratio.recip() };
+        vec![path(1.0), path(-1.0), even, even]
     }
 }
 

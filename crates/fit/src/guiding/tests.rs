@@ -438,7 +438,7 @@ fn no_light_and_no_noise_are_judged_and_told() {
         for (least_gain, used) in [(1.15, used), (0.0, true)] {
             let report = judged(mean, variances, found, least_gain);
             let sentence = report.sentence();
-            let same = (report.gain - gain).abs() < 1e-3
+            let same = (report.gain - gain).abs() < 1e-9
                 || report.gain == gain
                 || report.gain.is_nan() && gain.is_nan();
             assert!(same && report.used == used, "{variances:?}: {report:?}");

@@ -144,7 +144,7 @@ fn light_around_a_pixel_is_that_of_its_own_picture() {
     let darkness = DARKNESS * 50.5;
     let expected = [1.0_f64, 100.0].map(|m| (m / (m + darkness)).powi(2)).iter().sum::<f64>() / 2.0;
     for (found, part) in found.into_iter().zip([1.0, 0.25]) {
-        assert!((found / (part * expected) - 1.0).abs() < 2e-3, "{found}, {expected}");
+        assert!((found / (part * expected) - 1.0).abs() < 1e-9, "{found}, {expected}");
     }
 }
 
