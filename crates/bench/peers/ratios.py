@@ -28,6 +28,9 @@ def ready():
     """There is nothing to compare without assets, light and peers."""
     if not assets():
         return "PHOTOFIT_PEER_ASSETS=A.glb:B.glb names no assets"
+    absent = [str(path) for path in assets() if not path.is_file()]
+    if absent:
+        return f"PHOTOFIT_PEER_ASSETS names what is no file: {', '.join(absent)}"
     if not found(ENVIRONMENT):
         return f"PHOTOFIT_JUDGE_ASSETS=FOLDER has no {ENVIRONMENT}"
     lacking = [f"{name} ({TOOLS[name]} or PATH)" for name in PEERS if not tool(name)] + unpinned()

@@ -67,13 +67,11 @@ pub(crate) struct Simplify {
     #[arg(long, conflicts_with_all = ["new_maps", "steps", "batch", "texture_size", "fit_with", "checkpoint", "resume"])]
     pub(crate) keep_uvs: bool,
     /// Leave vertices on open borders where they are, to the bit, in the decimation and in the fit: parts of a larger asset that
-    /// are simplified apart meet without cracks. Where borders leave no room for the budget there are more triangles. The fit
-    /// runs on the CPU then.
+    /// are simplified apart meet without cracks. Where borders leave no room for the budget there are more triangles.
     #[arg(long)]
     pub(crate) lock_borders: bool,
     /// Leave vertices where they are, to the bit, at which the attribute `_NAME` of a glTF file is above one half. Blender writes such
-    /// attributes, and turns vertex groups into them. As with --lock-borders, there may be more triangles, and the fit runs on the CPU
-    /// [default: none].
+    /// attributes, and turns vertex groups into them. As with --lock-borders, there may be more triangles [default: none].
     #[arg(long, value_name = "NAME")]
     pub(crate) lock: Option<String>,
     /// Occlusion map of the light asset, the red channel beside roughness and metalness: it darkens indirect light in engines;

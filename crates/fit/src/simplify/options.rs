@@ -221,15 +221,12 @@ impl SimplifyOptions {
         }
     }
 
-    /// Where the fit runs: locked vertices are put back after each step, and mip levels have texels of their own, which a GPU
-    /// does not do.
+    /// Where the fit runs: mip levels with texels of their own are fitted on the CPU.
     pub(super) fn device_of_fit(&self, progress: &dyn Progress) -> Device {
-        let why = match (self.locks(), self.mips) {
-            _ if self.device.is_cpu() => return self.device.clone(),
-            (true, _) => "locked vertices are held on the CPU alone",
-            (_, Mips::Free) => "free mip levels are fitted on the CPU alone",
-            (false, Mips::Classic) => return self.device.clone(),
-        };
+        if self.device.is_cpu() || self.mips == Mips::Classic {
+            return self.device.clone();
+        }
+        let why = "free mip levels are fitted on the CPU alone";
         progress.warn(&format!("the fit runs on the CPU: {why}"));
         Device::cpu(why)
     }

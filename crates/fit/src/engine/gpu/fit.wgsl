@@ -1,7 +1,7 @@
 // What the loop of a fit adds to the operations of other crates.
 
 struct Params {
-    // Texels of the base of the maps, or losses of a batch.
+    // Texels of the base of the maps, losses of a batch, or locked vertices.
     count: u32,
     // Classes of held texels, or where the loss goes.
     which: u32,
@@ -15,6 +15,9 @@ struct Params {
 @group(0) @binding(2) var<storage, read> held: array<u32>;
 @group(0) @binding(3) var<storage, read> losses: array<f32>;
 @group(0) @binding(4) var<storage, read_write> course: array<f32>;
+@group(0) @binding(5) var<storage, read_write> positions: array<f32>;
+@group(0) @binding(6) var<storage, read> locked: array<u32>;
+@group(0) @binding(7) var<storage, read> places: array<f32>;
 
 // Takes the gradient of one column from the texels of these classes. One texel an invocation.
 @compute @workgroup_size(64)
@@ -37,4 +40,19 @@ fn add_losses() {
         sum += losses[k];
     }
     course[params.which] = sum;
+}
+
+// Puts locked vertices back where they were. One vertex an invocation.
+@compute @workgroup_size(64)
+fn put_back(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = index(group, groups, lane, 64u);
+    if i < params.count {
+        for (var k = 0u; k < 3u; k++) {
+            positions[3u * locked[i] + k] = places[3u * i + k];
+        }
+    }
 }

@@ -49,6 +49,7 @@ use std::borrow::Cow;
 /// The kernels of this crate.
 pub const KERNELS: &[Kernel] = &[
     resident::HOLD,
+    resident::PUT_BACK,
     resident::ADD_LOSSES,
     references::OVER_NOISE,
     weights::KERNELS[0],

@@ -115,6 +115,7 @@ impl Step {
             if group.name == POSITIONS {
                 recorded.push(Some(optimizer.record(&mut r, &on.welded, &on.d_welded)?));
                 constrain(&mut r, &on.welded, shape, ranges, unit)?;
+                on.record_locked(&mut r)?;
             } else {
                 recorded.push(Some(optimizer.record(&mut r, &on.maps.texels, &on.maps.gradient)?));
                 constrain(&mut r, &on.maps.texels, shape, ranges, unit)?;

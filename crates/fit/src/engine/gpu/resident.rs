@@ -15,6 +15,8 @@ use photofit_raster::{CHANNELS, channel};
 const SOURCE: &[&str] = &[INDEX, include_str!("fit.wgsl")];
 /// Holds a column of the gradient of some texels at zero.
 pub(super) const HOLD: Kernel = Kernel { name: "fit.hold", source: SOURCE, entry: "hold" };
+/// Puts locked vertices back.
+pub(super) const PUT_BACK: Kernel = Kernel { name: "fit.put_back", source: SOURCE, entry: "put_back" };
 /// The loss of a batch.
 pub(super) const ADD_LOSSES: Kernel = Kernel { name: "fit.add_losses", source: SOURCE, entry: "add_losses" };
 
@@ -40,6 +42,8 @@ pub(super) struct Resident {
     mip_adjoint: MipAdjoint,
     /// Classes of the texels whose alpha is no parameter, where there are any.
     held: Option<Buffer<u32>>,
+    /// Locked vertices and where they stay, where there are any.
+    locked: Option<(Buffer<u32>, Buffer<[f32; 3]>)>,
 }
 
 impl Resident {
@@ -61,6 +65,13 @@ impl Resident {
         };
         let held: Vec<u32> = (0..texels).map(class).collect();
         let some = held.iter().any(|h| *h != 0);
+        let (vertices, places): (Vec<u32>, Vec<[f32; 3]>) =
+            c.locked.iter().map(|(v, p)| (*v, p.to_array())).unzip();
+        let upload = || -> Result<_, GpuError> {
+            let vertices = gpu.upload("locked vertices", &vertices)?;
+            Ok((vertices, gpu.upload("places of locked vertices", &places)?))
+        };
+        let locked = (!vertices.is_empty()).then(upload).transpose().map_err(NoRoom::mesh)?;
         Ok(Self {
             welded: gpu.upload("welded positions", positions).map_err(NoRoom::mesh)?,
             d_welded: gpu.zeros("gradient of welded positions", positions.len()).map_err(NoRoom::mesh)?,
@@ -69,6 +80,7 @@ impl Resident {
             tangents: VertexTangents::new(gpu, &unique, &c.frames).map_err(NoRoom::mesh)?,
             held: some.then(|| gpu.upload("held texels", &held)).transpose().map_err(NoRoom::maps)?,
             mip_adjoint: c.mip_adjoint,
+            locked,
             texels,
             weld,
             maps,
@@ -82,6 +94,19 @@ impl Resident {
         expand(r, &self.weld, &self.welded, positions)?;
         self.normals.forward(r, positions, normals)?;
         self.tangents.forward(r, positions, normals, tangents)
+    }
+
+    /// Records that locked vertices are put back after a move: twin of [`Candidate::hold_locked`].
+    pub(super) fn record_locked(&self, r: &mut Recorder) -> Result<(), GpuError> {
+        let Some((vertices, places)) = &self.locked else { return Ok(()) };
+        let count = vertices.len();
+        r.dispatch(
+            &PUT_BACK,
+            &[count as u32, 0, 0, 0],
+            &[self.welded.bind(), vertices.bind(), places.bind()],
+            count,
+        )?;
+        Ok(())
     }
 
     /// Records that all gradients are zero; those of the maps are written anew by [`Self::record_vjp`].

@@ -298,6 +298,35 @@ fn positions_move_by_adam_as_on_the_cpu() {
 
 #[test]
 #[ignore = "gpu: needs an adapter"]
+fn locked_vertices_stay_as_on_the_cpu() {
+    let (gpu, shots) = (test_device(), shots(Sampling::SUPERSAMPLED, 40));
+    let free = surface(false);
+    let mut held = free.clone();
+    // More than a workgroup of them; those to the left stay.
+    held.candidate.lock(|p| p.x < 0.1);
+    let locked = held.candidate.locked.len();
+    assert!(locked > 64 && locked < held.candidate.positions.len(), "{locked} vertices are locked");
+    let start: Vec<f32> = bytemuck::cast_slice(&free.candidate.positions).to_vec();
+    let mut cpu = Cpu::new(held.clone()).unwrap();
+    let mut device = GpuSurface::new(gpu, held.clone(), &shots).unwrap();
+    let mut loose = GpuSurface::new(gpu, free, &shots).unwrap();
+    for _ in 0..6 {
+        for model in [&mut device, &mut loose] {
+            model.step(&shots, Loss::LogSrgbL1.into(), &[0.002, 0.01]).unwrap();
+        }
+        cpu.step(&shots, Loss::LogSrgbL1.into(), &[0.002, 0.01]).unwrap();
+    }
+    let [x, y, z] = [cpu.values(0), device.values(0), loose.values(0)].map(|v| v.unwrap().into_owned());
+    let of = |values: &[f32], v: u32| [0, 1, 2].map(|k| values[3 * v as usize + k].to_bits());
+    assert!(held.candidate.locked.iter().all(|(v, _)| of(&y, *v) == of(&start, *v)), "a locked vertex moved");
+    assert!(held.candidate.locked.iter().any(|(v, _)| of(&z, *v) != of(&start, *v)), "they would have moved");
+    let [moved, apart] = [difference(&start, &x), difference(&x, &y)];
+    println!("moved {moved:.1e}, apart {apart:.1e}");
+    assert!(apart < 0.02 * moved, "{apart:e} of {moved:e}");
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
 fn losses_that_are_not_finite_are_told() {
     let gpu = test_device();
     let (s, mut shots) = (surface(false), shots(Sampling::SUPERSAMPLED, 16));
