@@ -65,8 +65,9 @@ def y_up(v):
     return [x, z, -y]
 
 
-def pictures(path, environment, count, size, around, per_axis=1):
-    """Radiance, premultiplied, float32 (count, size, size, 4), rows from the top, of views around the sphere `around` (z up)."""
+def pictures(path, environment, count, size, around, per_axis=1, shift=0):
+    """Radiance, premultiplied, float32 (count, size, size, 4), rows from the top, of views around the sphere `around` (z up); moved by
+    `shift` pixels to the left and up."""
     center, radius = around
     views = [{"eye": y_up(eye), "sun": None if sun is None else y_up(sun)} for eye, sun in in_cycles.views(count)]
     width = size * per_axis
@@ -75,6 +76,7 @@ def pictures(path, environment, count, size, around, per_axis=1):
         job = {
             "environment": str(environment),
             "width": width,
+            "shift": shift * per_axis,
             "views": views,
             "center": y_up(center),
             "distance": radius / math.sin(in_cycles.FIELD_OF_VIEW / 2) * 1.01,

@@ -17,7 +17,7 @@ import time
 import traceback
 
 HERE = pathlib.Path(__file__).resolve().parent
-NAMES = ["embree", "mitsuba", "mitsuba_gradients", "mitsuba_recover", "oidn", "denoise_stages", "deodr", "skimage", "filters", "judge", "ratios", "ratios_three"]
+NAMES = ["embree", "mitsuba", "mitsuba_gradients", "mitsuba_recover", "oidn", "denoise_stages", "deodr", "skimage", "filters", "judge", "ratios", "ratios_three", "levels_three"]
 
 
 def pins():

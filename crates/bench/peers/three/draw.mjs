@@ -1,7 +1,7 @@
 // Pictures of a glTF file by three.js in a headless Chromium: `node draw.mjs MODULES CHROMIUM < JOB`.
-// JOB is JSON: { environment, width, views: [{ eye, sun }], center, distance, fov, file, out }; eye and sun are unit
+// JOB is JSON: { environment, width, shift, views: [{ eye, sun }], center, distance, fov, file, out }; eye and sun are unit
 // vectors from the asset, y up, sun is null where the environment shines. Into `out` go the views one after the other, width x width
-// pixels each, rows from the top: linear premultiplied RGBA as halves.
+// pixels each, moved by `shift` of them to the left and up, rows from the top: linear premultiplied RGBA as halves.
 
 import { createReadStream, mkdtempSync, readFileSync, rmSync, statSync, writeFileSync } from 'node:fs';
 import http from 'node:http';
@@ -67,7 +67,7 @@ try {
   await page.waitForFunction('window.draw', { timeout: 60_000 }).catch(() => {
     throw new Error(`the page does not start: ${said.join('; ')}`);
   });
-  await page.evaluate((o) => window.draw.begin(o), { environment: served(2, job.environment), width: job.width, fov: job.fov });
+  await page.evaluate((o) => window.draw.begin(o), { environment: served(2, job.environment), width: job.width, shift: job.shift, fov: job.fov });
   said.length = 0;
   await page.evaluate((url) => window.draw.load(url), served(3, job.file));
   for (const view of job.views) {

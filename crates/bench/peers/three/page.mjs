@@ -37,11 +37,12 @@ function filtered(picture) {
   return new THREE.PMREMGenerator(renderer).fromEquirectangular(picture).texture;
 }
 
-async function begin({ environment, width, fov }) {
+async function begin({ environment, width, shift, fov }) {
   renderer = new THREE.WebGLRenderer({ antialias: false, alpha: true });
   renderer.setClearColor(0x000000, 0);
   target = new THREE.WebGLRenderTarget(width, width, { type: THREE.HalfFloatType });
   camera = new THREE.PerspectiveCamera(fov, 1, 1, 2);
+  camera.setViewOffset(width, width, shift, shift, width, width);
   const textures = new KTX2Loader().setTranscoderPath('/1/examples/jsm/libs/basis/').detectSupport(renderer);
   const draco = new DRACOLoader().setDecoderPath('/1/examples/jsm/libs/draco/gltf/');
   loader = new GLTFLoader().setDRACOLoader(draco).setKTX2Loader(textures).setMeshoptDecoder(MeshoptDecoder);
