@@ -126,16 +126,30 @@ impl Gpu {
     /// # Errors
     /// If there are more elements than the buffer holds, or they do not fill whole words.
     pub fn write<T: bytemuck::Pod>(&self, buffer: &Buffer<T>, data: &[T]) -> Result<(), GpuError> {
-        let bytes: &[u8] = bytemuck::cast_slice(data);
-        if data.len() > buffer.len {
-            return Err(buffer.error(format!("{} elements are written into {}", data.len(), buffer.len)));
+        self.write_from(buffer, 0, data)
+    }
+
+    /// [`Self::write`] from element `first` on.
+    ///
+    /// # Errors
+    /// As [`Self::write`], and if `first` does not begin a word of 4 bytes.
+    pub fn write_from<T: bytemuck::Pod>(
+        &self,
+        buffer: &Buffer<T>,
+        first: usize,
+        data: &[T],
+    ) -> Result<(), GpuError> {
+        let (offset, bytes) = (first.saturating_mul(size_of::<T>()), bytemuck::cast_slice::<T, u8>(data));
+        if first.saturating_add(data.len()) > buffer.len {
+            let rule = format!("{} elements are written into {} from {first} on", data.len(), buffer.len);
+            return Err(buffer.error(rule));
         }
-        if !bytes.len().is_multiple_of(4) {
+        if !(bytes.len().is_multiple_of(4) && offset.is_multiple_of(4)) {
             return Err(buffer.error("elements fill words of 4 bytes".into()));
         }
         if !bytes.is_empty() {
             self.check()?;
-            self.upload_bytes(&buffer.raw, bytes);
+            self.upload_bytes(&buffer.raw, offset as u64, bytes);
         }
         self.check()
     }
@@ -149,13 +163,37 @@ impl Gpu {
         crate::wait::block_on(self.fetch(buffer))
     }
 
+    /// [`Self::read`] of some elements.
+    ///
+    /// # Errors
+    /// As [`Self::read`]; if the range lies outside of the buffer or does not begin a word of 4 bytes.
+    #[cfg(not(target_arch = "wasm32"))]
+    pub fn read_range<T: bytemuck::Pod>(
+        &self,
+        buffer: &Buffer<T>,
+        range: Range<usize>,
+    ) -> Result<Vec<T>, GpuError> {
+        crate::wait::block_on(self.fetch_range(buffer, range))
+    }
+
     /// [`Self::read`] as a future. It blocks the thread nowhere but outside of browsers, where drivers move on only when they
     /// are waited for.
     ///
     /// # Errors
     /// As [`Self::read`].
     pub async fn fetch<T: bytemuck::Pod>(&self, buffer: &Buffer<T>) -> Result<Vec<T>, GpuError> {
-        let bytes = buffer.bytes();
+        self.fetch_range(buffer, 0..buffer.len).await
+    }
+
+    async fn fetch_range<T: bytemuck::Pod>(
+        &self,
+        buffer: &Buffer<T>,
+        range: Range<usize>,
+    ) -> Result<Vec<T>, GpuError> {
+        let [offset, bytes] = [range.start, range.len()].map(|n| (n * size_of::<T>()) as u64);
+        if range.end > buffer.len || !offset.is_multiple_of(4) {
+            return Err(buffer.error(format!("has {} elements; {range:?} cannot be read", buffer.len)));
+        }
         if bytes == 0 {
             return Ok(Vec::new());
         }
@@ -163,9 +201,9 @@ impl Gpu {
         let usage = wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ;
         let staging = self.create("readback", padded, usage)?;
         let mut encoder = self.device().create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        encoder.copy_buffer_to_buffer(&buffer.raw, 0, &staging, 0, padded);
+        encoder.copy_buffer_to_buffer(&buffer.raw, offset, &staging, 0, padded);
         self.submit(encoder)?;
-        let mut out = vec![T::zeroed(); buffer.len];
+        let mut out = vec![T::zeroed(); range.len()];
         self.map(&staging, |data| {
             bytemuck::cast_slice_mut::<T, u8>(&mut out).copy_from_slice(&data[..bytes as usize]);
         })

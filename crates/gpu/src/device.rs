@@ -162,9 +162,9 @@ impl Gpu {
     }
 
     /// Writes bytes to the beginning of a buffer, before what is submitted next.
-    pub(crate) fn upload_bytes(&self, buffer: &wgpu::Buffer, bytes: &[u8]) {
+    pub(crate) fn upload_bytes(&self, buffer: &wgpu::Buffer, offset: u64, bytes: &[u8]) {
         self.0.uploaded.fetch_add(bytes.len() as u64, Ordering::Relaxed);
-        self.0.queue.write_buffer(buffer, 0, bytes);
+        self.0.queue.write_buffer(buffer, offset, bytes);
     }
 
     /// Submissions that the device may still work on.

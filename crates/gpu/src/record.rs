@@ -50,7 +50,8 @@ pub(crate) enum Command {
     Copy {
         /// Source and where it is read from, in bytes; none until a [`CopySlot`] is set.
         from: Option<(Raw, u64)>,
-        to: Raw,
+        /// Destination and where it is written to, in bytes.
+        to: (Raw, u64),
         bytes: u64,
         /// Most of them.
         room: u64,
@@ -164,21 +165,32 @@ impl Recorder {
     /// # Errors
     /// If the other one is shorter, both are one, or the elements do not fill words of 4 bytes.
     pub fn copy<T: bytemuck::Pod>(&mut self, from: &Buffer<T>, to: &Buffer<T>) -> Result<(), GpuError> {
-        let bytes = from.bytes();
-        if to.len() < from.len() || from.raw == to.raw || !bytes.is_multiple_of(4) {
+        self.copy_range(from, to, 0..from.len())
+    }
+
+    /// Copies some elements of a buffer to the same place in another.
+    ///
+    /// # Errors
+    /// If they lie outside of one of them, both are one, or the elements do not fill words of 4 bytes.
+    pub fn copy_range<T: bytemuck::Pod>(
+        &mut self,
+        from: &Buffer<T>,
+        to: &Buffer<T>,
+        range: Range<usize>,
+    ) -> Result<(), GpuError> {
+        let [offset, bytes] = [range.start, range.len()].map(|n| (n * size_of::<T>()) as u64);
+        let words = offset.is_multiple_of(4) && bytes.is_multiple_of(4);
+        if range.end > from.len().min(to.len()) || from.raw == to.raw || !words {
             return Err(to.error(format!(
-                "{} of {} elements cannot be copied to it",
-                from.name(),
-                from.len()
+                "has {} elements; {range:?} of the {} of {} cannot be copied to it",
+                to.len(),
+                from.len(),
+                from.name()
             )));
         }
         if bytes > 0 {
-            self.commands.push(Command::Copy {
-                from: Some((from.raw.clone(), 0)),
-                to: to.raw.clone(),
-                bytes,
-                room: bytes,
-            });
+            let (from, to) = (Some((from.raw.clone(), offset)), (to.raw.clone(), offset));
+            self.commands.push(Command::Copy { from, to, bytes, room: bytes });
         }
         Ok(())
     }
@@ -194,7 +206,7 @@ impl Recorder {
             return Err(to.error("elements that are copied fill words of 4 bytes".into()));
         }
         let slot = CopySlot { command: self.commands.len(), bytes };
-        self.commands.push(Command::Copy { from: None, to: to.raw.clone(), bytes, room: bytes });
+        self.commands.push(Command::Copy { from: None, to: (to.raw.clone(), 0), bytes, room: bytes });
         Ok(slot)
     }
 
@@ -279,7 +291,7 @@ impl Recording {
         assert_eq!(*room, slot.bytes, "a copy of this recording");
         let size = size_of::<T>();
         let [offset, length] = [elements.start, elements.len()].map(|n| (n * size) as u64);
-        if elements.end > source.len() || length > slot.bytes || source.raw == *to {
+        if elements.end > source.len() || length > slot.bytes || source.raw == to.0 {
             return Err(source.error(format!(
                 "has {} elements of {size} bytes; of a copy of at most {} bytes {elements:?} cannot be read, or it is the \
                  buffer that is filled",
@@ -316,7 +328,7 @@ impl Recording {
 
     pub(crate) fn upload(&mut self) {
         if std::mem::take(&mut self.changed) && !self.params.is_empty() {
-            self.gpu.upload_bytes(&self.uniforms, &self.params);
+            self.gpu.upload_bytes(&self.uniforms, 0, &self.params);
         }
     }
 
@@ -330,7 +342,7 @@ pub(crate) fn copy(command: &Command, encoder: &mut wgpu::CommandEncoder) {
     match command {
         Command::Clear(buffer) => encoder.clear_buffer(buffer, 0, None),
         Command::Copy { from: Some((from, at)), to, bytes, .. } if *bytes > 0 => {
-            encoder.copy_buffer_to_buffer(from, *at, to, 0, *bytes);
+            encoder.copy_buffer_to_buffer(from, *at, &to.0, to.1, *bytes);
         }
         Command::Copy { .. } | Command::Dispatch { .. } => {}
     }

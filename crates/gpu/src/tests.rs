@@ -313,6 +313,33 @@ fn sources_of_copies_change_from_run_to_run() {
 
 #[test]
 #[ignore = "gpu: needs an adapter"]
+fn parts_of_buffers_are_written_read_and_copied() {
+    let gpu = test_device();
+    let [a, b] = ["a", "b"].map(|name| gpu.upload(name, &[1.0_f32, 2.0, 3.0, 4.0]).expect("uploaded"));
+    gpu.write_from(&a, 1, &[5.0, 6.0]).expect("fits");
+    assert_eq!(gpu.read(&a).expect("read"), [1.0, 5.0, 6.0, 4.0]);
+    assert_eq!(gpu.read_range(&a, 2..4).expect("read"), [6.0, 4.0]);
+    assert!(gpu.read_range(&a, 4..4).expect("read").is_empty());
+    let mut r = gpu.record("part");
+    r.copy_range(&a, &b, 2..3).expect("fits");
+    r.finish().expect("recorded").run().expect("runs");
+    assert_eq!(gpu.read(&b).expect("read"), [1.0, 2.0, 6.0, 4.0]);
+    let bytes = gpu.upload("bytes", &[0_u8; 8]).expect("uploaded");
+    let mut r = gpu.record("refused");
+    let refused = [
+        gpu.write_from(&a, 3, &[0.0; 2]).err(),
+        gpu.write_from(&a, usize::MAX, &[0.0; 2]).err(),
+        gpu.write_from(&bytes, 2, &[0; 4]).err(),
+        gpu.read_range(&a, 3..5).err(),
+        gpu.read_range(&bytes, 1..5).err(),
+        r.copy_range(&a, &b, 3..5).err(),
+        r.copy_range(&a, &a, 0..1).err(),
+    ];
+    assert!(refused.iter().all(|e| matches!(e, Some(GpuError::Buffer { .. }))), "{refused:?}");
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
 fn a_device_that_is_used_in_part_has_no_more() {
     let choice = Choice::Named(test_device().report().name.clone());
     let gpu = &Gpu::within(&choice, Caps { binding: 1 << 10, memory: 4 << 10, ..Caps::NONE }).expect("opens");

@@ -9,9 +9,10 @@ struct Params {
     // First column of the vector that is kept at unit length, and whether there is one.
     unit: u32,
     has_unit: u32,
+    // The first row.
+    first: u32,
     unused_1: u32,
     unused_2: u32,
-    unused_3: u32,
     lowest: array<vec4<f32>, 4>,
     highest: array<vec4<f32>, 4>,
 }
@@ -46,16 +47,17 @@ fn constrain(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let first = index(group, groups, 0u, 64u);
+    let begins = index(group, groups, 0u, 64u);
+    let first = params.first + begins;
     if params.clamps != 0u {
         let begin = first * params.width;
-        let end = min(begin + 64u * params.width, params.rows * params.width);
+        let end = min(begin + 64u * params.width, (params.first + params.rows) * params.width);
         for (var i = begin + lane; i < end; i += 64u) {
             clamp_entry(i);
         }
     }
     storageBarrier();
-    if params.has_unit != 0u && first + lane < params.rows {
+    if params.has_unit != 0u && begins + lane < params.rows {
         normalize_row((first + lane) * params.width + params.unit);
     }
 }

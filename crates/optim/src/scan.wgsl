@@ -20,7 +20,8 @@ struct Params {
     step: u32,
     // 1: these are filtered gradients; what was found in the unfiltered ones stays and comes first.
     filtered: u32,
-    unused_2: u32,
+    // Where the first sample lies in the buffer of gradients.
+    first: u32,
 }
 
 @group(0) @binding(0) var<uniform> params: Params;
@@ -80,7 +81,7 @@ fn chunk(
     for (var k = 0u; k < EACH; k++) {
         let i = (number * EACH + k) * LANES + lane;
         if i < params.count {
-            let g = gradients[i];
+            let g = gradients[params.first + i];
             let bits = bitcast<u32>(g) & 0x7fffffffu;
             if bits >= 0x7f800000u {
                 bad = min(bad, i);
@@ -135,7 +136,7 @@ fn observe(@builtin(local_invocation_index) lane: u32) {
     if bad != NONE {
         state.halted = 1u;
         state.bad_index = bad & ~FILTERED;
-        state.bad_bits = bitcast<u32>(gradients[bad & ~FILTERED]);
+        state.bad_bits = bitcast<u32>(gradients[params.first + (bad & ~FILTERED)]);
         state.bad_step = params.step;
         return;
     }

@@ -103,7 +103,7 @@ pub(crate) struct RecoverMesh {
     /// The file to write.
     #[arg(short, long, value_name = "OUT.glb", value_parser = ending(&["glb"]))]
     pub(crate) output: PathBuf,
-    /// How vertices move; bilateral does so on the CPU alone.
+    /// How vertices move.
     #[arg(long, value_name = "HOW", default_value = PositionOptimizer::default().name(), value_parser = optimizers())]
     pub(crate) optimizer: PositionOptimizer,
     /// Most triangles of the result; a --mesh of more keeps its own [range: 80 to 4194304].

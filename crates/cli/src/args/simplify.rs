@@ -115,7 +115,7 @@ pub(crate) struct Simplify {
     pub(crate) textures: Option<TextureFormat>,
     /// Mip levels of new textures. Free ones are fitted to pictures of all sizes from --screen-size or --resolution down to 16
     /// pixels, those of a level of --lod down to where the next one replaces it, as an engine draws them with one sample a pixel;
-    /// needs --textures ktx2, which alone holds levels. The fit runs on the CPU then.
+    /// needs --textures ktx2, which alone holds levels.
     #[arg(long, value_enum, default_value = "classic")]
     pub(crate) mips: MipLevels,
     /// Compress geometry: all kinds of meshopt are `EXT_meshopt_compression`, which three.js, Babylon.js, Godot and others read;

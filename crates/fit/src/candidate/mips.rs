@@ -54,7 +54,7 @@ impl<T: LossScalar> Candidate<T> {
     }
 
     /// The texels of a level whose alpha is no parameter.
-    pub(super) fn held(&self, level: usize) -> [&[bool]; 2] {
+    pub(crate) fn held(&self, level: usize) -> [&[bool]; 2] {
         match level.checked_sub(1) {
             None => [&self.solid, &self.masked],
             Some(k) => self.held_coarse.get(k).map_or([&[], &[]], |h| [&h.solid, &h.masked]),

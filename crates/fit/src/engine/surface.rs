@@ -37,7 +37,7 @@ const LAMBDA_OF_PAPER: f64 = 19.0;
 /// See [`LAMBDA_OF_PAPER`].
 const VERTICES: f64 = 10_000.0;
 /// Distance of normals at which the bilateral filter shares steps no more.
-const SIGMA: f64 = 0.5;
+pub(super) const SIGMA: f64 = 0.5;
 
 /// How steps of positions are made from their gradients. All that differs between them stands here.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -92,11 +92,6 @@ impl PositionOptimizer {
     /// Whether its filters are guided by the present vertex normals.
     pub fn needs_normals(self) -> bool {
         self == Self::Bilateral
-    }
-
-    /// Whether it runs on a device.
-    pub fn runs_on_device(self) -> bool {
-        self != Self::Bilateral
     }
 
     /// How the moments of the positions are kept.
@@ -249,7 +244,7 @@ impl Surface {
     }
 
     /// The mip level whose texels are a group.
-    fn level_of(&self, group: usize) -> usize {
+    pub(super) fn level_of(&self, group: usize) -> usize {
         group - usize::from(self.moves)
     }
 }

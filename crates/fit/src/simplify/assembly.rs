@@ -38,10 +38,10 @@ pub(crate) fn simplify_asset(
         return kept::simplify(asset, output, options, began, progress);
     }
     through_path::begin(options, progress);
-    let (device, renderer) = (options.device_of_fit(progress), options.rasterized_against());
+    let (device, renderer) = (&options.device, options.rasterized_against());
     let judged = &*renderer.reference(scene, n, options)?;
     let (own, (options, counted)) = (options, &byte_budget::counted(asset, judged, options, progress)?);
-    let drawn = renderer.drawn_on(&device, n, options);
+    let drawn = renderer.drawn_on(device, n, options);
     let reference = drawn.as_deref().unwrap_or(judged);
 
     let (views, backs) = backs::views(n, reference, Moment::default(), options)?;
@@ -84,7 +84,7 @@ pub(crate) fn simplify_asset(
     let levels = start.candidate.fitted_levels();
     let mut plan_with_phases = None;
     let (trained, device) = train_on(
-        &device,
+        device,
         Surface::new(start.candidate.clone(), &surface),
         &job,
         |psnr| {

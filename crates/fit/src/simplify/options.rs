@@ -5,6 +5,7 @@ use super::{
     Appearance, Effort, FitPlan, Init, Judgement, Mips, Normalised, ReferenceRenderer, appearance,
     by_outline, byte_budget, locks, mips,
 };
+use crate::FitError;
 use crate::bake::{BakeSettings, Occlusion};
 use crate::candidate::Candidate;
 use crate::engine::device::Device;
@@ -15,7 +16,6 @@ use crate::engine::reference::{Reference, ReferenceKind, SAMPLES, SUPERSAMPLE, s
 use crate::engine::trainer::{Batch, Checkpointing, HELD_OUT};
 use crate::engine::vertex_colors::colored;
 use crate::views::{Lighting, Sampling};
-use crate::{FitError, Progress};
 use photofit_geometry::decimate::Target;
 use photofit_scene::{Compression, Scene, TextureEncoding};
 use std::path::PathBuf;
@@ -219,16 +219,6 @@ impl SimplifyOptions {
             Appearance::VertexColors => colored(candidate, &n.light_asset).scene,
             Appearance::Maps | Appearance::Kept => to_scene(candidate, &n.light_asset),
         }
-    }
-
-    /// Where the fit runs: mip levels with texels of their own are fitted on the CPU.
-    pub(super) fn device_of_fit(&self, progress: &dyn Progress) -> Device {
-        if self.device.is_cpu() || self.mips == Mips::Classic {
-            return self.device.clone();
-        }
-        let why = "free mip levels are fitted on the CPU alone";
-        progress.warn(&format!("the fit runs on the CPU: {why}"));
-        Device::cpu(why)
     }
 
     /// Where and how the fit keeps its state.

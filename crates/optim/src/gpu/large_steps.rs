@@ -1,13 +1,13 @@
-//! The filter `M^-1`, `M = I + lambda L`, of Large Steps on a device.
+//! The filters `M^-1`, `M = I + lambda L`, of Large Steps and of edge-aware diffusion on a device.
 
 use crate::OptimError;
 use photofit_gpu::{Bind, Buffer, Gpu, GpuError, INDEX, Kernel, Recorder};
 
-pub(super) const ITERATE: Kernel = Kernel {
-    name: "large_steps",
-    source: &[INDEX, include_str!("../mesh/large_steps.wgsl")],
-    entry: "iterate",
-};
+const SOURCE: &[&str] = &[INDEX, include_str!("../mesh/large_steps.wgsl")];
+pub(super) const ITERATE: Kernel = Kernel { name: "large_steps", source: SOURCE, entry: "iterate" };
+pub(super) const ITERATE_WEIGHTED: Kernel =
+    Kernel { name: "edge_aware", source: SOURCE, entry: "iterate_weighted" };
+pub(super) const WEIGH: Kernel = Kernel { name: "edge_aware.weigh", source: SOURCE, entry: "weigh" };
 
 /// Name in messages.
 const NAME: &str = "large steps";
@@ -25,6 +25,15 @@ struct Params {
     begins: u32,
     lambda: f32,
     omega: f32,
+    sigma: f32,
+    unused: [u32; 3],
+}
+
+/// Edges that weigh less, the farther the normals of their ends are apart.
+#[derive(Clone, Debug)]
+struct Creases {
+    weights: Buffer<f32>,
+    sigma: f64,
 }
 
 /// Solves `M x = b` for vectors of three on a device, by Chebyshev's semi-iteration with Jacobi's preconditioner.
@@ -32,6 +41,8 @@ struct Params {
 /// It needs no sums over the mesh: bounds of the spectrum are computed once on the CPU, and their ratio (the condition
 /// number) says how many iterations bring the error below single precision. Every solve begins at zero, so that a fit that
 /// goes on from a checkpoint finds the same bits.
+///
+/// [`Self::edge_aware`] makes it the twin of [`EdgeAware`](crate::EdgeAware), whose weights are computed for each step.
 #[derive(Clone, Debug)]
 pub struct LargeStepsSolver {
     rings: Buffer<u32>,
@@ -40,6 +51,7 @@ pub struct LargeStepsSolver {
     lambda: f64,
     bound: f64,
     iterations: usize,
+    creases: Option<Creases>,
 }
 
 impl LargeStepsSolver {
@@ -67,11 +79,54 @@ impl LargeStepsSolver {
         let rule = "a vertex";
         OptimError::setting(NAME, "neighbour", f64::from(outside.unwrap_or(0)), rule, outside.is_none())?;
         let bound = jacobi_bound(offsets, neighbours, lambda);
-        // An even number: the solution then lies where it is asked for.
-        let iterations = iterations(bound).next_multiple_of(2);
         let rings = gpu.upload("neighbours", &[offsets, neighbours].concat())?;
         let other = gpu.zeros("iterate of large steps", 3 * vertices)?;
-        Ok(Self { rings, other, vertices, lambda, bound, iterations })
+        Ok(Self { rings, other, vertices, lambda, bound, iterations: iterations(bound), creases: None })
+    }
+
+    /// [`Self::new`] where the edge between vertices `i` and `j` weighs `exp(-|n_i - n_j| / sigma)`, `sigma` positive, by the
+    /// normals of [`DeviceOptimizer::record_guide`](super::DeviceOptimizer::record_guide).
+    ///
+    /// # Errors
+    /// As [`Self::new`], and [`OptimError::Setting`] for `sigma`.
+    pub fn edge_aware(
+        gpu: &Gpu,
+        offsets: &[u32],
+        neighbours: &[u32],
+        lambda: f64,
+        sigma: f64,
+    ) -> Result<Self, OptimError> {
+        OptimError::setting("edge-aware diffusion", "sigma", sigma, "positive", sigma > 0.0)?;
+        let mut made = Self::new(gpu, offsets, neighbours, lambda)?;
+        // For weights of at most one, whatever they are: the largest sum of a row of Jacobi's matrix.
+        let most = offsets.windows(2).map(|o| f64::from(o[1] - o[0])).fold(0.0, f64::max);
+        made.bound = lambda * most / (1.0 + lambda * most);
+        made.iterations = iterations(made.bound);
+        made.creases = Some(Creases { weights: gpu.zeros("weights of edges", neighbours.len())?, sigma });
+        Ok(made)
+    }
+
+    /// Computes the weights of [`Self::edge_aware`] for the solves that follow; others have none.
+    pub(super) fn weigh<N: bytemuck::Pod>(
+        &self,
+        r: &mut Recorder,
+        normals: &Buffer<N>,
+    ) -> Result<(), GpuError> {
+        let Some(creases) = &self.creases else { return Ok(()) };
+        let buffers = [self.rings.bind(), creases.weights.bind(), normals.bind()];
+        r.dispatch(&WEIGH, &self.params(0, 1.0), &buffers, self.vertices)?;
+        Ok(())
+    }
+
+    fn params(&self, iteration: usize, omega: f64) -> Params {
+        Params {
+            vertices: self.vertices as u32,
+            begins: u32::from(iteration == 0),
+            lambda: self.lambda as f32,
+            omega: omega as f32,
+            sigma: self.creases.as_ref().map_or(1.0, |c| c.sigma as f32),
+            unused: [0; 3],
+        }
     }
 
     /// Iterations of a solve.
@@ -103,14 +158,11 @@ impl LargeStepsSolver {
                 _ => 1.0 / (1.0 - 0.25 * self.bound * self.bound * omega),
             };
             let (present, next) = if k % 2 == 0 { (x, &self.other) } else { (&self.other, x) };
-            let params = Params {
-                vertices: self.vertices as u32,
-                begins: u32::from(k == 0),
-                lambda: self.lambda as f32,
-                omega: omega as f32,
-            };
             let buffers = [self.rings.bind(), b.clone(), present.bind(), next.bind()];
-            r.dispatch(&ITERATE, &params, &buffers, self.vertices)?;
+            let weights = self.creases.as_ref().map(|c| c.weights.bind());
+            let kernel = if weights.is_some() { &ITERATE_WEIGHTED } else { &ITERATE };
+            let buffers: Vec<Bind> = buffers.into_iter().chain(weights).collect();
+            r.dispatch(kernel, &self.params(k, omega), &buffers, self.vertices)?;
         }
         Ok(())
     }
@@ -136,11 +188,11 @@ fn jacobi_bound(offsets: &[u32], neighbours: &[u32], lambda: f64) -> f64 {
 }
 
 /// Iterations after which the error is [`ERROR`] of the first: it falls by `2 s^k / (1 + s^2k)`,
-/// `s = bound / (1 + sqrt(1 - bound^2))`.
+/// `s = bound / (1 + sqrt(1 - bound^2))`. An even number: the solution then lies where it is asked for.
 fn iterations(bound: f64) -> usize {
     let s = bound / (1.0 + (1.0 - bound * bound).sqrt());
     if s <= 0.0 {
-        return 1;
+        return 2;
     }
-    ((2.0 / ERROR).ln() / -s.ln()).ceil().min(MOST) as usize
+    (((2.0 / ERROR).ln() / -s.ln()).ceil().min(MOST) as usize).next_multiple_of(2)
 }

@@ -30,6 +30,8 @@ pub const KERNELS: &[Kernel] = &[
     optimizer::FACTOR,
     optimizer::MOVE,
     large_steps::ITERATE,
+    large_steps::ITERATE_WEIGHTED,
+    large_steps::WEIGH,
     constrain::CONSTRAIN,
 ];
 

@@ -34,7 +34,7 @@ struct ScanParams {
     relative_epsilon: f32,
     step: u32,
     filtered: u32,
-    unused: u32,
+    first: u32,
 }
 
 /// As `fused.wgsl` has it.
@@ -44,11 +44,11 @@ struct MoveParams {
     count: u32,
     width: u32,
     chunks: u32,
-    unused: u32,
+    first: u32,
     betas: [f32; 2],
     rests: [f32; 2],
     corrections: [f32; 2],
-    unused_too: [f32; 2],
+    unused: [f32; 2],
     rates: Columns,
 }
 
@@ -69,14 +69,15 @@ struct Words {
 
 /// [`Optimizer`](crate::Optimizer) on a device: the method that a fit of textures uses (a second moment per entry, no filter)
 /// and that of positions (the largest second moment for all, diffused by [`LargeStepsSolver`] before and after the
-/// moments, which equals the change of variables of Large Steps).
+/// moments, which equals the change of variables of Large Steps, or before them and by another one after them).
 #[derive(Debug)]
 pub struct DeviceOptimizer {
     gpu: Gpu,
     group: String,
     width: usize,
     temporal: Temporal,
-    solver: Option<LargeStepsSolver>,
+    /// Filters of the gradient and of the first moment.
+    solvers: Option<[LargeStepsSolver; 2]>,
     m: Buffer<f32>,
     v: Buffer<f32>,
     state: Buffer<Words>,
@@ -93,6 +94,8 @@ pub struct DeviceOptimizer {
 pub struct Recorded {
     scan: Vec<Slot>,
     moves: Vec<Slot>,
+    /// Where the samples begin in their buffers.
+    first: usize,
 }
 
 impl DeviceOptimizer {
@@ -142,35 +145,75 @@ impl DeviceOptimizer {
             group: group.to_owned(),
             width,
             temporal,
-            solver,
+            solvers: solver.map(|s| [s.clone(), s]),
             steps: 0,
         })
     }
 
-    /// Adds one step to a recording: the beginning of `params` moves against that of `gradients`, samples in `f32` one after
-    /// the other. [`Self::prepare`] says by what rates.
+    /// Filters the first moment by another solver than the gradient, such as [`LargeStepsSolver::edge_aware`], which
+    /// [`Self::record_guide`] guides.
     ///
     /// # Errors
-    /// [`OptimError::Length`] and [`OptimError::Device`].
+    /// [`OptimError::Length`] for one of another mesh; [`OptimError::Combination`] where nothing is filtered.
+    pub fn with_moments_by(mut self, solver: LargeStepsSolver) -> Result<Self, OptimError> {
+        OptimError::length(
+            &self.group,
+            "samples of the filter's sites",
+            3 * solver.vertices(),
+            self.m.len(),
+        )?;
+        let Some(solvers) = &mut self.solvers else {
+            let what = "a filter of the moments alone";
+            return Err(OptimError::Combination { group: self.group, what, with: "a device" });
+        };
+        solvers[1] = solver;
+        Ok(self)
+    }
+
+    /// Records that the filter of the first moment is guided by normals, three samples per vertex, in the steps that follow.
+    ///
+    /// # Errors
+    /// If the device refuses the kernel.
+    pub fn record_guide<N: bytemuck::Pod>(
+        &self,
+        r: &mut Recorder,
+        normals: &Buffer<N>,
+    ) -> Result<(), OptimError> {
+        let Some([_, solver]) = &self.solvers else { return Ok(()) };
+        Ok(solver.weigh(r, normals)?)
+    }
+
+    /// Adds one step to a recording: samples of `params` from `first` on move against those of `gradients` at the same place,
+    /// in `f32` one after the other. [`Self::prepare`] says by what rates.
+    ///
+    /// # Errors
+    /// [`OptimError::Length`] and [`OptimError::Device`]; [`OptimError::Combination`] for positions that are not the first
+    /// samples.
     pub fn record<P: bytemuck::Pod, G: bytemuck::Pod>(
         &self,
         r: &mut Recorder,
         params: &Buffer<P>,
         gradients: &Buffer<G>,
+        first: usize,
     ) -> Result<Recorded, OptimError> {
         let len = self.m.len();
-        let samples = |bytes: u64| len.min(bytes as usize / size_of::<f32>());
+        let samples = |bytes: u64| len.min((bytes as usize / size_of::<f32>()).saturating_sub(first));
+        if self.solvers.is_some() && first > 0 {
+            let (what, with) = ("a filter over a mesh", "samples that are not the first of a buffer");
+            return Err(OptimError::Combination { group: self.group.clone(), what, with });
+        }
         OptimError::length(&self.group, "parameters", samples(params.bytes()), len)?;
         OptimError::length(&self.group, "gradients", samples(gradients.bytes()), len)?;
         let [filtered, moved] = &self.filtered;
-        let (scan, moving) = (self.scan_params(&[]), self.move_params(&[]));
+        // `prepare` sets them for each run.
+        let (scan, moving) = (self.scan_params(&[], 0), self.move_params(&[], 0));
         let (partials, state) = (self.partials.bind(), self.state.bind());
         let chunks = self.partials.len() * LANES;
         let unfiltered = gradients.bind();
-        let mut out = Recorded { scan: Vec::new(), moves: Vec::new() };
+        let mut out = Recorded { scan: Vec::new(), moves: Vec::new(), first };
         out.scan.push(r.dispatch(&CHUNK, &scan, &[unfiltered.clone(), partials.clone()], chunks)?);
-        let gradients = match &self.solver {
-            Some(solver) => {
+        let gradients = match &self.solvers {
+            Some([solver, _]) => {
                 solver.solve(r, &unfiltered, filtered)?;
                 out.scan.push(r.dispatch(&CHUNK, &scan, &[filtered.bind(), partials.clone()], chunks)?);
                 filtered.bind()
@@ -187,8 +230,8 @@ impl DeviceOptimizer {
         let buffers = [state.clone(), g, m, v, maxima.clone()];
         out.moves.push(r.dispatch(&ACCUMULATE, &moving, &buffers, len)?);
         out.moves.push(r.dispatch(&FACTOR, &moving, &[state.clone(), maxima], 1)?);
-        let direction = match &self.solver {
-            Some(solver) => {
+        let direction = match &self.solvers {
+            Some([_, solver]) => {
                 solver.solve(r, &self.m.bind(), moved)?;
                 moved
             }
@@ -227,7 +270,8 @@ impl DeviceOptimizer {
             )?;
         }
         self.steps += 1;
-        let (scan, moving) = (self.scan_params(rates), self.move_params(rates));
+        let (scan, moving) =
+            (self.scan_params(rates, recorded.first), self.move_params(rates, recorded.first));
         for (k, slot) in recorded.scan.iter().enumerate() {
             // The second scan of three is that of the filtered gradients.
             let filtered = u32::from(k == 1 && recorded.scan.len() == 3);
@@ -237,7 +281,7 @@ impl DeviceOptimizer {
         Ok(())
     }
 
-    fn scan_params(&self, rates: &[f32]) -> ScanParams {
+    fn scan_params(&self, rates: &[f32], first: usize) -> ScanParams {
         let live = rates.iter().enumerate().filter(|(_, r)| **r > 0.0).fold(0_u32, |l, (k, _)| l | 1 << k);
         let moving = self.m.len() / self.width * live.count_ones() as usize;
         let Temporal { beta2, relative_epsilon, .. } = self.temporal;
@@ -253,11 +297,11 @@ impl DeviceOptimizer {
             relative_epsilon: relative_epsilon as f32,
             step: self.steps as u32,
             filtered: 0,
-            unused: 0,
+            first: first as u32,
         }
     }
 
-    fn move_params(&self, rates: &[f32]) -> MoveParams {
+    fn move_params(&self, rates: &[f32], first: usize) -> MoveParams {
         let betas = [self.temporal.beta1, self.temporal.beta2];
         let mut columns = [0.0; COLUMNS];
         columns[..rates.len()].copy_from_slice(rates);
@@ -265,11 +309,11 @@ impl DeviceOptimizer {
             count: self.m.len() as u32,
             width: self.width as u32,
             chunks: self.maxima.len() as u32,
-            unused: 0,
+            first: first as u32,
             betas: betas.map(|b| b as f32),
             rests: betas.map(|b| (1.0 - b) as f32),
             corrections: self.temporal.corrections(self.steps).map(|c| c as f32),
-            unused_too: [0.0; 2],
+            unused: [0.0; 2],
             rates: columns,
         }
     }

@@ -5,7 +5,8 @@ struct Params {
     count: u32,
     width: u32,
     chunks: u32,
-    unused: u32,
+    // Where the first sample lies in the buffers of parameters and gradients.
+    first: u32,
     // Decays, and what they leave.
     beta1: f32,
     beta2: f32,
@@ -38,7 +39,7 @@ fn rate_of(i: u32) -> f32 {
 
 // The gradient in the unit of the moments; frozen columns count as zero.
 fn gradient(i: u32) -> f32 {
-    return select(0.0, gradients[i] * state.inverse_scale, rate_of(i) > 0.0);
+    return select(0.0, gradients[params.first + i] * state.inverse_scale, rate_of(i) > 0.0);
 }
 
 // One sample an invocation.
@@ -60,7 +61,7 @@ fn dense(
     m[i] = first;
     v[i] = second;
     let size = sqrt(second * params.correction2) + state.epsilon;
-    x[i] -= rate_of(i) * (first * params.correction1) / size;
+    x[params.first + i] -= rate_of(i) * (first * params.correction1) / size;
 }
 
 var<workgroup> largest: array<f32, 256>;
@@ -123,5 +124,5 @@ fn uniform_move(
     if i >= params.count || state.halted != 0u {
         return;
     }
-    x[i] -= rate_of(i) * state.factor * direction[i];
+    x[params.first + i] -= rate_of(i) * state.factor * direction[i];
 }

@@ -1,7 +1,7 @@
 // What the loop of a fit adds to the operations of other crates.
 
 struct Params {
-    // Texels of the base of the maps, losses of a batch, or locked vertices.
+    // Texels that are parameters, losses of a batch, or locked vertices.
     count: u32,
     // Classes of held texels, or where the loss goes.
     which: u32,

@@ -21,7 +21,7 @@ use super::cpu::Chain;
 use super::device::Posable;
 use super::loss::PictureLoss;
 use super::model::{Group, Model, ModelError, Snapshot};
-use super::surface::{MAPS, POSITIONS, PositionOptimizer, Surface, temporal};
+use super::surface::{POSITIONS, PositionOptimizer, SIGMA, Surface, temporal};
 use super::views::{Moment, Shot};
 use crate::FitError;
 use crate::candidate::Vertices;
@@ -35,7 +35,6 @@ use photofit_optim::OptimError;
 use photofit_optim::gpu::{DeviceOptimizer, LargeStepsSolver};
 use photofit_raster::CHANNELS;
 use photofit_raster::deferred::{Masks, Passes};
-use photofit_raster::texture::MipRule;
 use poses::Poses;
 use recorded::{COURSE, Forward, Step};
 use references::References;
@@ -45,6 +44,7 @@ pub use room::NoRoom;
 pub(crate) use skies::Skies;
 use stage::{Room, Stage};
 use std::borrow::Cow;
+use std::ops::Range;
 
 /// The kernels of this crate.
 pub const KERNELS: &[Kernel] = &[
@@ -56,6 +56,9 @@ pub const KERNELS: &[Kernel] = &[
     weights::KERNELS[1],
     crate::scene_render::gpu::SHADE,
 ];
+
+/// Vectors of a texel.
+const VECTORS: usize = CHANNELS / 4;
 
 /// A [`Surface`] on a device, as it stands or in poses.
 #[derive(Debug)]
@@ -114,15 +117,9 @@ fn model_error(e: OptimError) -> ModelError {
 fn refused(surface: &Surface, posed: bool) -> Option<OptimError> {
     let refuse =
         |group: &'static str, what, with| Some(OptimError::Combination { group: group.into(), what, with });
-    if surface.candidate.maps.rule == MipRule::Free {
-        return refuse(MAPS, "mip levels with texels of their own", "a device, which builds them anew");
-    }
     if posed && surface.moves {
         let what = "the shape of an asset that is seen in poses";
         return refuse(POSITIONS, what, "a device, where poses have no gradient");
-    }
-    if !surface.optimizer.runs_on_device() {
-        return refuse(POSITIONS, surface.optimizer.name(), "a device, where it does not run");
     }
     None
 }
@@ -133,15 +130,26 @@ fn uploaded(
     surface: &Surface,
     groups: &[Group],
 ) -> Result<(Resident, Vec<DeviceOptimizer>), NoRoom> {
-    let on = Resident::new(gpu, &surface.candidate, surface.rates.map(|r| r > 0.0))?;
+    let on = Resident::new(gpu, surface)?;
+    let (rings, smoothness) = (&surface.candidate.rings, surface.smoothness);
+    let (offsets, neighbours) = (&rings.offsets[..], &rings.items[..]);
     let optimizer = |group: &Group| {
-        let (rings, positions) = (&surface.candidate.rings, group.name == POSITIONS);
-        let diffuses = positions && surface.optimizer == PositionOptimizer::LargeSteps;
-        let solver = || LargeStepsSolver::new(gpu, &rings.offsets, &rings.items, surface.smoothness);
-        let solver = diffuses.then(solver).transpose().map_err(NoRoom::mesh)?;
-        let moments = if positions { surface.optimizer.temporal() } else { temporal(&group.name) };
-        let made = DeviceOptimizer::new(gpu, &group.name, (group.rows, group.columns), moments, solver);
-        made.map_err(|e| if positions { NoRoom::mesh(e) } else { NoRoom::maps(e) })
+        let shape = (group.rows, group.columns);
+        if group.name != POSITIONS {
+            let made = DeviceOptimizer::new(gpu, &group.name, shape, temporal(&group.name), None);
+            return made.map_err(NoRoom::maps);
+        }
+        let made = |solver| DeviceOptimizer::new(gpu, POSITIONS, shape, surface.optimizer.temporal(), solver);
+        let diffused = || made(Some(LargeStepsSolver::new(gpu, offsets, neighbours, smoothness)?));
+        let made = match surface.optimizer {
+            PositionOptimizer::LargeSteps => diffused(),
+            PositionOptimizer::Bilateral => {
+                LargeStepsSolver::edge_aware(gpu, offsets, neighbours, smoothness, SIGMA)
+                    .and_then(|creases| diffused()?.with_moments_by(creases))
+            }
+            PositionOptimizer::Adam => made(None),
+        };
+        made.map_err(NoRoom::mesh)
     };
     Ok((on, groups.iter().map(optimizer).collect::<Result<_, _>>()?))
 }
@@ -329,23 +337,47 @@ impl<S: Posable> GpuSurface<S> {
         Ok(())
     }
 
+    /// Where the texels of a group lie in the buffers of the maps, in vectors; none for the positions.
+    fn place(&self, group: usize) -> Option<Range<usize>> {
+        let surface = self.asset.surface();
+        let texels = (!surface.is_positions(group)).then(|| self.on.texels_of(surface.level_of(group)))?;
+        Some(VECTORS * texels.start..VECTORS * texels.end)
+    }
+
     fn read_group(&self, group: usize, best: bool) -> Result<Vec<f32>, GpuError> {
         let on = &self.on;
-        if self.asset.surface().is_positions(group) {
+        let Some(place) = self.place(group) else {
             let positions = if best { &on.best.0 } else { &on.welded };
             return Ok(self.gpu.read(positions)?.into_flattened());
-        }
-        let mut texels = self.gpu.read(if best { &on.best.1 } else { &on.maps.texels })?.into_flattened();
-        texels.truncate(on.texels * CHANNELS);
-        Ok(texels)
+        };
+        let texels = if best { &on.best.1 } else { &on.maps.texels };
+        Ok(self.gpu.read_range(texels, place)?.into_flattened())
     }
 
     fn write_group(&mut self, group: usize, values: &[f32]) -> Result<(), GpuError> {
-        if self.asset.surface().is_positions(group) {
+        let Some(place) = self.place(group) else {
             return self.gpu.write(&self.on.welded, bytemuck::cast_slice(values));
-        }
-        self.gpu.write(&self.on.maps.texels, bytemuck::cast_slice(values))?;
+        };
+        self.gpu.write_from(&self.on.maps.texels, place.start, bytemuck::cast_slice(values))?;
         self.rebuild.run()
+    }
+
+    /// Copies the values of a group to the best ones, or the best ones to the values.
+    fn copy_group(&self, group: usize, from_best: bool) -> Result<(), GpuError> {
+        let (on, mut r) = (&self.on, self.gpu.record("copy a group"));
+        if let Some(place) = self.place(group) {
+            // Levels that follow from the base are copied with it.
+            let alone = self.asset.surface().candidate.fitted_levels() > 1;
+            let place = if alone { place } else { 0..on.maps.texels.len() };
+            let (present, best) = (&on.maps.texels, &on.best.1);
+            let (from, to) = if from_best { (best, present) } else { (present, best) };
+            r.copy_range(from, to, place)?;
+        } else {
+            let (present, best) = (&on.welded, &on.best.0);
+            let (from, to) = if from_best { (best, present) } else { (present, best) };
+            r.copy(from, to)?;
+        }
+        r.finish()?.run()
     }
 
     /// Brings the surface in main memory up to date.
@@ -466,13 +498,7 @@ impl<S: Posable> Model for GpuSurface<S> {
     }
 
     fn go_to_best(&mut self, group: usize) -> Result<(), ModelError> {
-        let mut r = self.gpu.record("go to best");
-        if self.asset.surface().is_positions(group) {
-            r.copy(&self.on.best.0, &self.on.welded)?;
-        } else {
-            r.copy(&self.on.best.1, &self.on.maps.texels)?;
-        }
-        Ok(r.finish()?.run()?)
+        Ok(self.copy_group(group, true)?)
     }
 
     fn reset_optimizer(&mut self, group: usize) -> Result<(), FitError> {
@@ -491,13 +517,7 @@ impl<S: Posable> Model for GpuSurface<S> {
         self.optimizers[group].restore(&saved.optimizer).map_err(model_error)?;
         // The best maps are kept with their levels: by way of the present ones.
         self.write_group(group, &saved.best)?;
-        let mut r = self.gpu.record("keep a group");
-        if self.asset.surface().is_positions(group) {
-            r.copy(&self.on.welded, &self.on.best.0)?;
-        } else {
-            r.copy(&self.on.maps.texels, &self.on.best.1)?;
-        }
-        r.finish()?.run()?;
+        self.copy_group(group, false)?;
         Ok(self.write_group(group, &saved.values)?)
     }
 

@@ -106,21 +106,29 @@ impl Step {
         let losses = r.dispatch(&ADD_LOSSES, &[places.len() as u32, 0, 0, 0], &buffers, 1)?;
         let collected = on.record_vjp(&mut r, g, passes)?;
         let mut recorded = Vec::new();
-        for ((group, optimizer), moves) in groups.iter().zip(optimizers).zip(moving) {
+        let with_positions = groups.iter().filter(|g| g.name == POSITIONS).count();
+        for (k, ((group, optimizer), moves)) in groups.iter().zip(optimizers).zip(moving).enumerate() {
             if !*moves {
                 recorded.push(None);
                 continue;
             }
-            let (shape, ranges, unit) = ((group.rows, group.columns), &group.ranges, group.unit);
+            let (columns, ranges, unit) = (group.columns, &group.ranges, group.unit);
             if group.name == POSITIONS {
-                recorded.push(Some(optimizer.record(&mut r, &on.welded, &on.d_welded)?));
-                constrain(&mut r, &on.welded, shape, ranges, unit)?;
+                if let Some(normals) = on.record_guide(&mut r)? {
+                    optimizer.record_guide(&mut r, normals)?;
+                }
+                recorded.push(Some(optimizer.record(&mut r, &on.welded, &on.d_welded, 0)?));
+                constrain(&mut r, &on.welded, (0..group.rows, columns), ranges, unit)?;
                 on.record_locked(&mut r)?;
             } else {
-                recorded.push(Some(optimizer.record(&mut r, &on.maps.texels, &on.maps.gradient)?));
-                constrain(&mut r, &on.maps.texels, shape, ranges, unit)?;
-                on.maps.record_rebuild(&mut r)?;
+                let rows = on.texels_of(k - with_positions);
+                let (texels, first) = (&on.maps.texels, rows.start * columns);
+                recorded.push(Some(optimizer.record(&mut r, texels, &on.maps.gradient, first)?));
+                constrain(&mut r, texels, (rows, columns), ranges, unit)?;
             }
+        }
+        if passes.map_gradients {
+            on.maps.record_rebuild(&mut r)?;
         }
         let (moving, passes) = (moving.to_vec(), *passes);
         let recording = r.finish()?;

@@ -22,6 +22,13 @@ fn temporal() -> Temporal {
     Temporal { beta1: 0.8, beta2: 0.98, relative_epsilon: 0.5, ..Temporal::adam() }
 }
 
+/// Samples before those that are fitted, and behind them: they stay, and their gradients, which are none, are not read.
+const AROUND: [usize; 2] = [37, 5];
+
+fn padded(samples: &[f32], with: f32) -> Vec<f32> {
+    [&vec![with; AROUND[0]], samples, &vec![with; AROUND[1]]].concat()
+}
+
 /// A device's optimizer with its buffers.
 struct Run<'a> {
     gpu: &'a Gpu,
@@ -35,24 +42,28 @@ impl<'a> Run<'a> {
         Self {
             gpu,
             optimizer: DeviceOptimizer::new(gpu, "texels", (ROWS, RATES.len()), temporal(), None).unwrap(),
-            x: gpu.upload("x", x).unwrap(),
-            g: gpu.zeros("g", x.len()).unwrap(),
+            x: gpu.upload("x", &padded(x, 7.0)).unwrap(),
+            g: gpu.upload("g", &padded(x, f32::NAN)).unwrap(),
         }
     }
 
     fn steps(&mut self, steps: std::ops::Range<u64>, rates: &[f32], g: impl Fn(u64) -> Vec<f32>) {
         let mut r = self.gpu.record("adam");
-        let recorded = self.optimizer.record(&mut r, &self.x, &self.g).unwrap();
+        let recorded = self.optimizer.record(&mut r, &self.x, &self.g, AROUND[0]).unwrap();
         let mut recording = r.finish().unwrap();
         for step in steps {
-            self.gpu.write(&self.g, &g(step)).unwrap();
+            self.gpu.write_from(&self.g, AROUND[0], &g(step)).unwrap();
             self.optimizer.prepare(&mut recording, &recorded, rates).unwrap();
             recording.run().unwrap();
         }
     }
 
     fn x(&self) -> Vec<f32> {
-        self.gpu.read(&self.x).unwrap()
+        let mut all = self.gpu.read(&self.x).unwrap();
+        let behind = all.split_off(all.len() - AROUND[1]);
+        let own = all.split_off(AROUND[0]);
+        assert!(all.iter().chain(&behind).all(|x| *x == 7.0), "what is around stays");
+        own
     }
 }
 

@@ -1,9 +1,9 @@
 //! Large Steps: the solve, and whole steps.
 
-use super::tolerances::{LARGE_STEPS, SOLVE};
+use super::tolerances::{EDGE_AWARE, LARGE_STEPS, SOLVE};
 use super::{distance, largest, random};
 use crate::gpu::{DeviceOptimizer, LargeStepsSolver};
-use crate::{LargeSteps, Optimizer, Placement, Temporal};
+use crate::{EdgeAware, LargeSteps, OptimError, Optimizer, Placement, Temporal};
 use photofit_gpu::{Gpu, assert_twin, test_device};
 
 /// A grid of triangles, a vertex joined to a hundred of them, and one without neighbours.
@@ -87,7 +87,7 @@ fn fifty_steps_agree() {
         let mut device = DeviceOptimizer::new(gpu, "positions", (vertices, 3), temporal, solver).unwrap();
         let (on_device, g) = (gpu.upload("x", &x).unwrap(), gpu.zeros("g", x.len()).unwrap());
         let mut r = gpu.record("large steps");
-        let recorded = device.record(&mut r, &on_device, &g).unwrap();
+        let recorded = device.record(&mut r, &on_device, &g, 0).unwrap();
         let mut recording = r.finish().unwrap();
         for step in 0..50 {
             // A part that lasts, and noise.
@@ -111,6 +111,86 @@ fn fifty_steps_agree() {
     }
 }
 
+/// Normals of length one but for a few, over creases.
+fn normals(vertices: usize) -> Vec<f32> {
+    let mut normals = random(11, 3 * vertices, 1.0);
+    for (v, n) in normals.chunks_mut(3).enumerate() {
+        let towards = if v % 37 < 18 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] };
+        n.iter_mut().zip(towards).for_each(|(n, t)| *n = 0.1 * *n + t);
+        let length = n.iter().map(|x| x * x).sum::<f32>().sqrt();
+        n.iter_mut().for_each(|x| *x = if v % 50 == 0 { 0.0 } else { *x / length });
+    }
+    normals
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn fifty_steps_that_stop_at_creases_agree() {
+    let gpu = test_device();
+    let (vertices, edges) = edges();
+    let (offsets, neighbours) = rings(vertices, &edges);
+    let (temporal, sigma) = (Temporal::uniform_adam().betas(0.9, 0.99), 0.5);
+    for lambda in [0.3, 19.0] {
+        let start = random(7, 3 * vertices, 1.0);
+        let (mut x, mut other) = (start.clone(), start.clone());
+        let cpu = |sigma| {
+            Optimizer::new("positions", 3 * vertices, temporal)
+                .and_then(|o| {
+                    o.with_filter(Placement::PRE, LargeSteps::new(vertices, &edges, lambda).unwrap())
+                })
+                .and_then(|o| {
+                    o.with_filter(Placement::FIRST, EdgeAware::new(vertices, &edges, lambda, sigma).unwrap())
+                })
+                .unwrap()
+        };
+        let (mut ours, mut wider) = (cpu(sigma), cpu(1.05 * sigma));
+        let creases = LargeStepsSolver::edge_aware(gpu, &offsets, &neighbours, lambda, sigma).unwrap();
+        println!(
+            "lambda {lambda}: condition {:.1}, {} iterations",
+            creases.condition(),
+            creases.iterations()
+        );
+        let plain = Some(solver(gpu, lambda));
+        let mut device = DeviceOptimizer::new(gpu, "positions", (vertices, 3), temporal, plain)
+            .and_then(|o| o.with_moments_by(creases))
+            .unwrap();
+        let [on_device, g, guide] = ["x", "g", "normals"].map(|name| gpu.upload(name, &x).unwrap());
+        let mut r = gpu.record("bilateral");
+        device.record_guide(&mut r, &guide).unwrap();
+        let recorded = device.record(&mut r, &on_device, &g, 0).unwrap();
+        let mut recording = r.finish().unwrap();
+        for step in 0..50 {
+            let mut gradient = random(8, x.len(), 1e-4);
+            gradient.iter_mut().zip(random(step, x.len(), 1e-4)).for_each(|(g, n)| *g = 0.5 * *g + n);
+            let mut normals = normals(vertices);
+            // They turn from step to step.
+            normals.rotate_left(3 * step as usize);
+            ours.step_guided(&mut x, &gradient, 0.01, &normals).unwrap();
+            wider.step_guided(&mut other, &gradient, 0.01, &normals).unwrap();
+            gpu.write(&g, &gradient).unwrap();
+            gpu.write(&guide, &normals).unwrap();
+            device.prepare(&mut recording, &recorded, &[0.01]).unwrap();
+            recording.run().unwrap();
+        }
+        let moved = distance(&x, &start);
+        let there = gpu.read(&on_device).unwrap();
+        assert!(moved > 0.02, "{moved}");
+        assert_twin("EDGE_AWARE", lambda, distance(&x, &there) / moved, EDGE_AWARE);
+        assert!(distance(&other, &there) / moved > EDGE_AWARE, "another sigma is noticed");
+    }
+    let solvers = || LargeStepsSolver::edge_aware(gpu, &offsets, &neighbours, 1.0, sigma).unwrap();
+    let plain = DeviceOptimizer::new(gpu, "positions", (vertices, 3), temporal, None).unwrap();
+    assert!(matches!(plain.with_moments_by(solvers()), Err(OptimError::Combination { .. })));
+    let small = DeviceOptimizer::new(gpu, "positions", (vertices, 3), temporal, Some(solvers())).unwrap();
+    let of_another = LargeStepsSolver::edge_aware(gpu, &[0, 0], &[], 1.0, sigma).unwrap();
+    assert!(matches!(small.with_moments_by(of_another), Err(OptimError::Length { .. })));
+    let later = DeviceOptimizer::new(gpu, "positions", (vertices, 3), temporal, Some(solvers())).unwrap();
+    let x = gpu.zeros::<f32>("x", 3 * vertices + 3).unwrap();
+    let refused = later.record(&mut gpu.record("later"), &x, &x, 3);
+    assert!(matches!(refused, Err(OptimError::Combination { .. })), "{refused:?}");
+    assert!(LargeStepsSolver::edge_aware(gpu, &offsets, &neighbours, 1.0, 0.0).is_err());
+}
+
 #[test]
 #[ignore = "gpu: needs an adapter"]
 fn a_broken_gradient_is_named_before_it_is_spread() {
@@ -123,7 +203,7 @@ fn a_broken_gradient_is_named_before_it_is_spread() {
     gradient[1500] = f32::NAN;
     let (x, g) = (gpu.zeros::<f32>("x", 3 * n).unwrap(), gpu.upload("g", &gradient).unwrap());
     let mut r = gpu.record("broken");
-    let recorded = device.record(&mut r, &x, &g).unwrap();
+    let recorded = device.record(&mut r, &x, &g, 0).unwrap();
     let mut recording = r.finish().unwrap();
     device.prepare(&mut recording, &recorded, &[0.01]).unwrap();
     recording.run().unwrap();
