@@ -315,16 +315,14 @@ impl<S: Posable> GpuSurface<S> {
     /// Records a step; none before there is room for pictures.
     fn record(
         &self,
-        room: Room,
-        pictures: usize,
+        rooms: Vec<Room>,
         loss: PictureLoss,
         with: (&[bool], &Passes),
     ) -> Result<Option<Step>, OptimError> {
         let Some(stage) = &self.stage else { return Ok(None) };
         let on = (stage, &self.skies, &self.course);
         let groups = (&self.groups[..], &self.optimizers[..]);
-        Step::new(&self.gpu, &self.on, on, (room, pictures, loss), groups, (with.0, with.1, S::POSED))
-            .map(Some)
+        Step::new(&self.gpu, &self.on, on, (rooms, loss), groups, (with.0, with.1, S::POSED)).map(Some)
     }
 
     /// Takes the losses of the steps since they were read from the device.
@@ -404,6 +402,9 @@ impl<S: Posable> Model for GpuSurface<S> {
     }
 
     fn step(&mut self, shots: &[Shot], loss: PictureLoss, rates: &[f64]) -> Result<(), ModelError> {
+        let mut ordered: Vec<&Shot> = shots.iter().collect();
+        ordered.sort_by_key(|s| std::cmp::Reverse(s.width * s.height));
+        let rooms: Vec<Room> = ordered.iter().map(|s| Room::of(std::slice::from_ref(*s))).collect();
         let (room, moving) = (Room::of(shots), rates.iter().map(|r| *r > 0.0).collect::<Vec<_>>());
         let rates: Vec<Vec<f32>> = self.groups.iter().zip(rates).map(|(g, r)| g.rates_at(*r)).collect();
         let passes = self.asset.surface().moving_passes(&moving);
@@ -411,9 +412,11 @@ impl<S: Posable> Model for GpuSurface<S> {
         let recorded = self.in_bands(shots, of_device, |model| {
             model.references.make_room(&model.gpu, shots.len(), room.pixel_count())?;
             let with = (&moving[..], passes.masks);
-            if !model.step.as_ref().is_some_and(|s| s.serves(room, (shots.len(), loss), with)) {
-                model.step = None;
-                model.step = model.record(room, shots.len(), loss, (&moving, &passes))?;
+            if !model.step.as_ref().is_some_and(|s| s.serves(&rooms, loss, with)) {
+                // Sizes vary from step to step: soon there is room for all.
+                let before = model.step.take();
+                let rooms = before.and_then(|s| s.rooms_and(&rooms)).unwrap_or_else(|| rooms.clone());
+                model.step = model.record(rooms, loss, (&moving, &passes))?;
             }
             Ok(())
         });
@@ -424,7 +427,8 @@ impl<S: Posable> Model for GpuSurface<S> {
         if let Some(step) = &mut self.step {
             let on = (&self.on, &self.skies, &mut self.references, self.poses.as_ref());
             let optimizers = (&mut self.optimizers[..], &rates[..]);
-            step.run(&self.gpu, on, (shots, passes.masks), optimizers, self.pending).map_err(model_error)?;
+            step.run(&self.gpu, on, (&ordered, passes.masks), optimizers, self.pending)
+                .map_err(model_error)?;
             self.pending += 1;
         }
         Ok(())

@@ -39,11 +39,10 @@ struct RecordedBand {
 #[derive(Debug)]
 pub(super) struct Step {
     recording: Recording,
-    /// What it was recorded for.
-    pub(super) room: Room,
+    /// What it was recorded for: the room of each picture, the largest first.
+    pub(super) rooms: Vec<Room>,
     pub(super) moving: Vec<bool>,
     bands: Bands,
-    pictures: usize,
     loss: PictureLoss,
     passes: Passes,
     shading: MapShading,
@@ -60,12 +59,12 @@ fn term(loss: Loss, pictures: usize) -> Term {
 }
 
 impl Step {
-    /// Records a step for batches of so many pictures.
+    /// Records a step for a picture in each of these rooms.
     pub(super) fn new(
         gpu: &Gpu,
         on: &Resident,
         (stage, skies, course): (&Stage, &Skies, &Buffer<f32>),
-        (room, pictures, compare): (Room, usize, PictureLoss),
+        (rooms, compare): (Vec<Room>, PictureLoss),
         (groups, optimizers): (&[Group], &[DeviceOptimizer]),
         (moving, passes, posed): (&[bool], &Passes, bool),
     ) -> Result<Self, OptimError> {
@@ -74,13 +73,11 @@ impl Step {
         let triangles = on.mesh.triangles();
         let mut shading = MapShading::new(gpu, on.maps.clone(), skies.tables.clone(), triangles, passes)?;
         let bands = stage.bands;
-        let band = bands.room(room);
-        let params = largest(on, band, passes);
         on.record_clear(&mut r, g);
         if !posed {
             on.record_vertices(&mut r)?;
         }
-        let (term, pixels) = (term(compare.loss, pictures), band.pixel_count());
+        let (term, pixels) = (term(compare.loss, rooms.len()), bands.room(stage.room).pixel_count());
         let mut shared = stage.loss.clone().serving(gpu, compare.loss, pixels)?;
         let relative = compare.weights == Weights::Relative;
         if relative {
@@ -89,10 +86,12 @@ impl Step {
         let rows = gpu.zeros("mean light along rows", if relative { pixels } else { 0 })?;
         let mut places = Vec::new();
         let picture = &stage.picture;
-        for place in 0..pictures * bands.count() {
+        for place in 0..rooms.len() * bands.count() {
             let first = place % bands.count() == 0;
+            let band = bands.room(rooms[place / bands.count()]);
+            let (params, pixels) = (largest(on, band, passes), band.pixel_count());
             let pose = (posed && first).then(|| FromPose::record(&mut r, &on.mesh)).transpose()?;
-            let from = FromHeld::record(&mut r, &shared.reference, &picture.background)?;
+            let from = FromHeld::record(&mut r, &shared.reference, &picture.background, pixels)?;
             let weights =
                 relative.then(|| RelativeWeights::record(&mut r, &shared.reference, &rows, &shared.weights));
             let weights = weights.transpose()?;
@@ -135,9 +134,8 @@ impl Step {
         let (loss, optimizers) = (compare, recorded);
         Ok(Self {
             recording,
-            room,
+            rooms,
             bands,
-            pictures,
             moving,
             loss,
             passes,
@@ -150,34 +148,39 @@ impl Step {
     }
 
     /// Whether it serves a batch: the same number of pictures that are compared alike and move the same groups, with masks
-    /// that are cut or that fade, at most as large and not much smaller.
+    /// that are cut or that fade, each at most as large and all together not much smaller.
     pub(super) fn serves(
         &self,
-        room: Room,
-        (pictures, loss): (usize, PictureLoss),
+        rooms: &[Room],
+        loss: PictureLoss,
         (moving, masks): (&[bool], Masks),
     ) -> bool {
-        self.room.and(room) == self.room
+        self.rooms_and(rooms).is_some_and(|both| both == self.rooms)
             && self.loss == loss
-            && 2 * room.pixel_count() > self.room.pixel_count()
-            && self.pictures == pictures
             && self.moving == moving
             && (self.passes.masks == Masks::Cut) == (masks == Masks::Cut)
     }
 
-    /// Submits a step; its loss goes to place `at` of the course.
+    /// The rooms for these pictures as well; none where their number is another or they would be half empty.
+    pub(super) fn rooms_and(&self, rooms: &[Room]) -> Option<Vec<Room>> {
+        let both: Vec<Room> = self.rooms.iter().zip(rooms).map(|(a, b)| a.and(*b)).collect();
+        let pixels = |rooms: &[Room]| rooms.iter().map(|r| r.pixel_count()).sum::<usize>();
+        (rooms.len() == self.rooms.len() && 2 * pixels(rooms) > pixels(&both)).then_some(both)
+    }
+
+    /// Submits a step of these pictures, the largest first; its loss goes to place `at` of the course.
     pub(super) fn run(
         &mut self,
         gpu: &Gpu,
         (on, skies, references, poses): (&Resident, &Skies, &mut References, Option<&Poses>),
-        (shots, masks): (&[Shot], Masks),
+        (shots, masks): (&[&Shot], Masks),
         (optimizers, rates): (&mut [DeviceOptimizer], &[Vec<f32>]),
         at: usize,
     ) -> Result<(), OptimError> {
         self.passes.masks = masks;
         let term = term(self.loss.loss, shots.len());
         // Of this batch alone: a fit that goes on has the same sums.
-        let samples = |s: &Shot| s.width * s.height * s.sampling.per_axis.pow(2);
+        let samples = |s: &&Shot| s.width * s.height * s.sampling.per_axis.pow(2);
         let scale = sum_scale(shots.iter().map(samples).sum());
         if let Some(slot) = self.collected {
             self.recording.set(slot, &on.maps.collected(scale));

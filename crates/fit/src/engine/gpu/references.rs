@@ -201,16 +201,16 @@ pub(super) struct FromHeld {
 }
 
 impl FromHeld {
-    /// Records that a picture is put over its noise: what [`Shot::over_noise`] does on the CPU.
+    /// Records that a picture of at most so many pixels is put over its noise: what [`Shot::over_noise`] does on the CPU.
     pub(super) fn record(
         r: &mut Recorder,
         reference: &Buffer<[f32; 4]>,
         background: &Buffer<[f32; 4]>,
+        pixels: usize,
     ) -> Result<Self, GpuError> {
         let picture = r.copy_in(reference)?;
-        let params = Params::new(&Rng::new(0, 0), &(0..reference.len()));
-        let noise =
-            r.dispatch(&OVER_NOISE, &params, &[reference.bind(), background.bind()], reference.len())?;
+        let params = Params::new(&Rng::new(0, 0), &(0..pixels));
+        let noise = r.dispatch(&OVER_NOISE, &params, &[reference.bind(), background.bind()], pixels)?;
         Ok(Self { picture, noise })
     }
 

@@ -187,6 +187,34 @@ fn gradients_of_masks_that_fade_agree() {
     check_with((Masks::Faded { slope: 2.5 }, Loss::LogSrgbL1.into()), true, Sampling::SUPERSAMPLED, 48);
 }
 
+/// Two pictures of these sizes.
+fn of_sizes(sizes: [usize; 2]) -> Vec<Shot> {
+    let both = sizes.map(|size| shots(Sampling::ENGINE, size)).into_iter().enumerate();
+    both.map(|(k, mut shots)| shots.remove(k)).collect()
+}
+
+#[test]
+#[ignore = "gpu: needs an adapter"]
+fn pictures_of_a_step_have_the_room_that_they_need() {
+    let (gpu, s, robust) = (test_device(), surface(false), PictureLoss::from(Loss::LogSrgbL1));
+    let mut model = GpuSurface::new(gpu, s.clone(), &of_sizes([48, 48])).unwrap();
+    // Those of the step before are kept where they are not twice as large.
+    for (sizes, sides) in
+        [([16, 48], [48, 16]), ([40, 24], [48, 24]), ([48, 8], [48, 24]), ([16, 20], [20, 16])]
+    {
+        let shots = of_sizes(sizes);
+        // A step makes normals unit vectors.
+        model.set(1, s.values(1)).unwrap();
+        let (cpu, device) = (on_cpu(&s, &shots, robust), gradients(&mut model, &shots, robust));
+        let rooms = &model.step.as_ref().unwrap().rooms;
+        assert!(rooms.iter().map(|r| r.pixels).eq(sides.map(|side| [side; 2])), "{sizes:?}: {rooms:?}");
+        let what = format!("sizes {sizes:?}");
+        assert_twin("LOSS", &what, (cpu.0 / device.0 - 1.0).abs(), LOSS);
+        let apart = difference(&cpu.1, &device.1).max(difference(&cpu.2, &device.2));
+        assert_twin("GRADIENT", &what, apart, GRADIENT);
+    }
+}
+
 /// Mip levels with texels of their own; roughness, whose base is held, moves in the coarse ones.
 fn free(sheets: bool) -> Surface {
     let mut s = surface(sheets);
@@ -201,9 +229,7 @@ fn gradients_of_free_mip_levels_agree() {
     let robust = PictureLoss::from(Loss::LogSrgbL1);
     for (sheets, masks) in [(false, Masks::Cut), (true, Masks::Cut), (true, Masks::Faded { slope: 2.5 })] {
         // Several sizes, which read several levels.
-        let (mut of_two, small) = (shots(Sampling::ENGINE, 48), shots(Sampling::ENGINE, 16));
-        of_two.truncate(1);
-        of_two.extend(small.into_iter().skip(1));
+        let of_two = of_sizes([16, 48]);
         let s = free(sheets);
         let coarse = on_cpu(&s, &of_two, robust).2[128 * 128 * CHANNELS..].to_vec();
         assert!(coarse.iter().any(|g| *g != 0.0), "coarse levels are read");
@@ -451,7 +477,7 @@ fn pictures_are_put_over_noise_as_on_the_cpu() {
     assert_eq!(residence, Residence { shown, places: 2, refused: None });
     let [reference, background] = ["reference", "background"].map(|b| gpu.zeros(b, room).unwrap());
     let mut r = gpu.record("over noise");
-    let from = FromHeld::record(&mut r, &reference, &background).unwrap();
+    let from = FromHeld::record(&mut r, &reference, &background, reference.len()).unwrap();
     let mut recording = r.finish().unwrap();
     for shot in kept_shots(n).iter().flatten() {
         references.begin();
